@@ -186,7 +186,9 @@ def _parameters(system: System, root_context: Context) -> tuple[Parameter, ...]:
         context = system.GetMyContextFromRoot(root_context)
         for index, name in enumerate(_parameter_names(system, count)):
             found.append((name, context.get_numeric_parameter(index).value()))
-    return tuple(Parameter(name, tuple(map(float, np.ravel(values)))) for name, values in found)
+    return tuple(
+        Parameter(name, tuple(map(float, np.ravel(values))), _parameter_unit(system, name)) for name, values in found
+    )
 
 
 def _response(system: System, value: float) -> ArrayLike:
@@ -199,9 +201,19 @@ def _response(system: System, value: float) -> ArrayLike:
 
 
 def _parameter_names(system: System, count: int) -> list[str]:
-    """Names from the port block of the class documentation (`parameters: [a, b]`), else numbers."""
+    """The block's own names, or those in its documentation (`parameters: [a, b]`); numbers where there are none."""
     stated = re.search(r"^\s*parameters:\s*\[(.*?)\]", type(system).__doc__ or "", re.MULTILINE | re.DOTALL)
-    names = [name.strip() for name in stated.group(1).split(",")] if stated else []
-    if len(names) == count:
-        return names
+    documented = [name.strip().removesuffix(" (optional)") for name in stated.group(1).split(",")] if stated else []
+    for names in (list(getattr(system, "parameter_names", ())), documented):
+        if len(names) == count:
+            return names
     return ["value"] if count == 1 else [f"parameter {index}" for index in range(count)]
+
+
+def _parameter_unit(system: System, name: str) -> str:
+    """The block's own unit, or the first in brackets behind the name in its documentation; "" for none or a ratio."""
+    if not (unit := getattr(system, "parameter_units", {}).get(name, "")) and is_python_block(system):
+        documentation = " ".join((inspect.getdoc(type(system)) or "").split())
+        stated = re.search(rf"\b{re.escape(name)}\b[^\[\].;]*\[((?:1/)?[^\W\d_][^\[\]]*)\]", documentation)
+        unit = stated[1] if stated else ""
+    return "" if unit in ("1", "-") else unit

@@ -62,10 +62,22 @@ class Port:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A numeric parameter: its name and its elements."""
+    """A numeric parameter.
+
+    Attributes:
+        name: as the block calls it.
+        values: its elements.
+        unit: of each, "" for none or an unknown one.
+    """
 
     name: str
     values: tuple[float, ...]
+    unit: str = ""
+
+    @property
+    def text(self) -> str:
+        """Values and unit for a tooltip, such as `1.5 1/s`."""
+        return f"{format_values(self.values)} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True, order=True)

@@ -13,7 +13,7 @@ from forcectl.errors import BadInputError
 from forcectl.graph.export import Graph, MachineGraph
 from forcectl.graph.export import graph as draw
 from forcectl.inspect.ports import PortName
-from forcectl.scenario.scenario import ONE_SCENARIO, Scenario, build
+from forcectl.scenario.scenario import ONE_SCENARIO, Scenario, as_file, build, load_scenario
 from forcectl.tasks.machine.chart import MachineChart
 
 
@@ -41,7 +41,12 @@ def graph(
         BadInputError: the scenario cannot be built.
     """
     system = _system(scenario, variant, overrides, seed, fidelity, allow_imports)
-    return draw(system, depth=depth, hide_unused=hide_unused, loggers=loggers, context=context)
+    title = ""
+    if isinstance(scenario, ONE_SCENARIO):
+        given = load_scenario(scenario, variant=variant, overrides=overrides, allow_imports=allow_imports)
+        name = given.title or as_file(scenario, allow_imports).name
+        title = ", ".join(filter(None, (name, variant)))
+    return draw(system, depth=depth, hide_unused=hide_unused, loggers=loggers, context=context, title=title)
 
 
 def check(

@@ -381,6 +381,6 @@ def _write_pictures(
 
     if log.sizes["time"] > 1:  # a run may stop before its first step
         write_figures(scenario.figures(log, title, findings), folder / "figures")
-    picture = graph(diagram)
+    picture = graph(diagram, title=title)
     for format_ in ("dot", "svg", "html"):
         picture.save(folder / f"diagram.{format_}")

@@ -35,6 +35,8 @@ ARM = """<robot name="arm"><link name="base"/><link name="link"><inertial><mass 
 class ForceLaw(LeafSystem):
     """The ports of a sampled integral action; its update does nothing.
 
+    Parameters: integral_gain K_I [1/s], compliance C_T [m/N].
+
     Attributes:
         parameters: [integral_gain, compliance]
     """

@@ -4,10 +4,11 @@ import gc
 import weakref
 
 import pytest
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Multiplexer, VectorLogSink, ZeroOrderHold
 
 from forcectl.errors import BadInputError
+from forcectl.force.integral import IntegralForceLaw
 from forcectl.graph.export import graph
 from forcectl.graph.model import Endpoint
 from tests.examples.graph_diagrams import ALL, ForceLaw, arm_with_controller, force_loop, odd_names, primitive_loop
@@ -112,6 +113,45 @@ def test_parameters_come_from_the_context_with_documented_names():
     assert [(p.name, p.values) for p in given] == [("integral_gain", (4.5,)), ("compliance", (3.2e-5,))]
     default = graph(diagram).by_path["force_law"].parameters
     assert default[0].values == (3.0,)
+
+
+def test_the_units_of_parameters_come_from_the_block_or_from_its_documentation():
+    documented = graph(force_loop()).by_path["force_law"].parameters
+    assert [p.text for p in documented] == ["3 1/s", "3.2e-05 m/N"]
+    # A block of ours says itself which parameters it has this time: with a port for the compliance it has one fewer.
+    law = graph(IntegralForceLaw(1, integral_gain=1.5, dead_zone=0.1, upper_limit=0.02)).root.parameters
+    assert [(p.name, p.text) for p in law] == [
+        ("integral_gain", "1.5 1/s"),
+        ("dead_zone", "0.1 N"),
+        ("lower_limit", "-inf m"),
+        ("upper_limit", "0.02 m"),
+    ]
+
+
+def test_parameters_without_a_unit_have_none():
+    class Plain(LeafSystem):
+        """Numbers.
+
+        Parameters: share in [0, 1]. A threshold, tried between; gain [-], lag and delay [s].
+
+        Attributes:
+            parameters: [share, threshold, gain, lag, delay, unsaid (optional)]
+        """
+
+        def __init__(self):
+            super().__init__()
+            for value in range(6):
+                self.DeclareNumericParameter(BasicVector([float(value)]))
+
+    given = graph(Plain()).root.parameters
+    assert [(p.name, p.unit) for p in given] == [
+        ("share", ""),
+        ("threshold", ""),
+        ("gain", ""),
+        ("lag", "s"),
+        ("delay", "s"),
+        ("unsaid", ""),
+    ]
 
 
 def test_gains_and_limits_of_primitives_are_read():

@@ -158,7 +158,9 @@ def test_the_run_directory_is_complete_and_runs_again(tmp_path):
     assert expected <= {path.name for path in out.iterdir()}
     # The picture is the loop of the thesis; what is inside its blocks is in the page, to be unfolded.
     assert "force_law" not in (out / "diagram.svg").read_text(encoding="utf-8")
-    assert "force_law" in (out / "diagram.html").read_text(encoding="utf-8")
+    page = (out / "diagram.html").read_text(encoding="utf-8")
+    assert "force_law" in page
+    assert "<title>Step response of the integral force controller for three gains · block diagram</title>" in page
     assert {path.name for path in (out / "figures").iterdir()} == {
         "force.png",
         "force.svg",

@@ -19,7 +19,7 @@ from forcectl.graph.formats.picture import Layouter
 from forcectl.graph.formats.svg import draw, elements, net_key, style
 from forcectl.graph.layout.marks import groups
 from forcectl.graph.layout.placed import Picture, PlacedBox
-from forcectl.graph.model import CATEGORY_TEXT, Block, BlockGraph, format_values
+from forcectl.graph.model import CATEGORY_TEXT, Block, BlockGraph
 
 _WORK = 4000  # fold states times blocks that are laid out at most
 _MOST_STATES = 128
@@ -131,7 +131,7 @@ def _details(block: Block, parent: int) -> dict[str, Any]:
         "about": list(block.about),
         "sample": f"{block.period_text} (of the {block.beside} only)" if block.beside else block.period_text,
         "states": [continuous, discrete, abstract],
-        "parameters": [[p.name, format_values(p.values)] for p in block.parameters],
+        "parameters": [[p.name, p.text] for p in block.parameters],
         "inputs": [[port.name, port.signal, ""] for port in block.inputs],
         "outputs": [
             [port.name, port.signal, f"direct from {', '.join(port.feedthrough)}" if port.feedthrough else ""]

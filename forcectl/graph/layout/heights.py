@@ -10,18 +10,40 @@ from forcectl.graph.layout.rows import Columns, Crossing, Item
 
 _GAP_BOX, _GAP_WIRE, _GAP_MIXED, _GAP_TERMINAL = 26.0, 12.0, 16.0, 0.0
 _SWEEPS = 40
+_WORK = 3000  # wires that are tried to be straight, at most
 
 
 def set_heights(columns: Columns, hops: Iterable[Crossing]) -> None:
     """Set `y` of every item; the order in the columns stays."""
     wires = _by_merit(list(hops))
-    heights = _Heights(columns)
-    chosen = [hop for hop in wires if heights.straighten(hop)]
+    chosen, heights = _most_straight(columns, wires)
     run = _runs(columns, chosen)
     _relax(columns, wires, run, heights.y)
     top = min(heights.y.values(), default=0.0)
     for item, y in heights.y.items():
         item.y = round(y - top, 2)
+
+
+def _most_straight(columns: Columns, wires: list[Crossing]) -> tuple[list[Crossing], _Heights]:
+    """The wires that are straight, and the heights for it: where one keeps several from it, those go first."""
+
+    def tried(order: list[Crossing]) -> tuple[list[Crossing], _Heights]:
+        heights = _Heights(columns)
+        return [hop for hop in order if heights.straighten(hop)], heights
+
+    best, heights = tried(wires)
+    trials = _WORK // max(len(wires), 1)
+    waiting = [hop for hop in wires if hop not in set(best)]
+    while waiting and trials:
+        first, trials = waiting.pop(0), trials - 1
+        chosen = set(best)
+        if first in chosen:
+            continue
+        found, other = tried([first, *best, *(hop for hop in wires if hop is not first and hop not in chosen)])
+        if len(found) > len(best):
+            best, heights = found, other
+            waiting = [hop for hop in wires if hop not in set(best)]
+    return best, heights
 
 
 def gap(upper: Item, lower: Item) -> float:

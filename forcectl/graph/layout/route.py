@@ -149,6 +149,7 @@ def _number_tracks(tracks: list[_Track]) -> int:
     order = [track for track in tracks if track.span[1] - track.span[0] >= 0.01]
     order.sort(key=lambda t: (sum(t.right) / max(len(t.right), 1) - sum(t.left) / max(len(t.left), 1), t.net))
     cost = {(a.net, b.net): _cost(a, b) for a in order for b in order if a is not b}
+    order = _by_preference(order, cost)
     for _ in range(4):
         before = list(order)
         for track in before:
@@ -167,6 +168,38 @@ def _number_tracks(tracks: list[_Track]) -> int:
         meets = [o.number for o in order[:index] if o.span[0] < high + 8.0 and low < o.span[1] + 8.0]
         track.number = 1 + max(meets, default=-1)
     return 1 + max((track.number for track in order), default=-1)
+
+
+def _by_preference(tracks: list[_Track], cost: dict[tuple[int, int], float]) -> list[_Track]:
+    """First those that no other wants to its left, last those that no other wants to its right; else the least wrong.
+
+    Args:
+        tracks: in the order that decides between equals.
+        cost: of putting one net left of another.
+    """
+    gain = {(a, b): max(cost[b, a] - cost[a, b], 0.0) for a, b in cost}  # of `a` left of `b`
+    leftwards = {
+        track.net: sum(gain[track.net, other.net] for other in tracks if other is not track) for track in tracks
+    }
+    rightwards = {
+        track.net: sum(gain[other.net, track.net] for other in tracks if other is not track) for track in tracks
+    }
+    first: list[_Track] = []
+    last: list[_Track] = []
+    rest = list(tracks)
+    while rest:
+        if (found := next((track for track in rest if rightwards[track.net] == 0.0), None)) is not None:
+            first.append(found)
+        elif (found := next((track for track in reversed(rest) if leftwards[track.net] == 0.0), None)) is not None:
+            last.append(found)
+        else:
+            found = max(rest, key=lambda track: leftwards[track.net] - rightwards[track.net])
+            first.append(found)
+        rest.remove(found)
+        for other in rest:
+            leftwards[other.net] -= gain[other.net, found.net]
+            rightwards[other.net] -= gain[found.net, other.net]
+    return first + last[::-1]
 
 
 def _cost(a: _Track, b: _Track) -> float:

@@ -68,7 +68,7 @@ def test_every_fold_state_is_in_the_page():
 def test_blocks_tell_parameters_ports_states_and_sample_time():
     details = {block["name"]: block for block in data_of(to_html(graph(force_loop())))["blocks"]}
     law = details["force_law"]
-    assert law["parameters"] == [["integral_gain", "3"], ["compliance", "3.2e-05"]]
+    assert law["parameters"] == [["integral_gain", "3 1/s"], ["compliance", "3.2e-05 m/N"]]
     assert (law["sample"], law["states"]) == ("2 ms", [0, 1, 0])
     assert law["inputs"][0][:2] == ["desired_force", "1 · N"]
     assert details["one_sided"]["outputs"] == [["y0", "1", "direct from u0"]]
@@ -148,7 +148,7 @@ def test_folding_searching_hovering_and_depth_work_in_the_browser(tmp_path):
         "hit station 1 block",
     ]
     assert notes[4] == "found true"
-    assert "integral_gain 3 compliance 3.2e-05" in notes[5]
+    assert "integral_gain 3 1/s compliance 3.2e-05 m/N" in notes[5]
     assert "sample time 2 ms" in notes[5]
     assert notes[6] == "wire displacement_command 1 · m from force_law"
     assert notes[7:] == ["depth 0 1", "keyboard true"]
@@ -176,6 +176,38 @@ def test_a_parameter_is_found_the_address_keeps_the_state_and_the_picture_can_be
         "#open=0&amp;search=integral_gain",
         "svg 4",
         "folded 1 fig_2_7, slow · block diagram",
+    ]
+
+
+@needs_chromium
+def test_the_buttons_save_the_picture_as_vectors_and_at_twice_its_size_as_pixels(tmp_path):
+    script = """
+    const made = [];
+    addEventListener("unhandledrejection", event => say("ERROR " + event.reason));
+    URL.createObjectURL = blob => { made.push(blob); return "#"; };
+    HTMLAnchorElement.prototype.click = async function () {
+      const name = this.download, blob = made.at(-1);
+      if (blob.type === "image/svg+xml") return say(name + " " + (await blob.text() === picture()));
+      const pixels = await createImageBitmap(blob), [w, h] = shown.size;
+      const pen = new OffscreenCanvas(pixels.width, pixels.height).getContext("2d");
+      pen.drawImage(pixels, 0, 0);
+      const colours = new Uint32Array(pen.getImageData(0, 0, pixels.width, pixels.height).data.buffer);
+      say(`${name} ${blob.type} ${pixels.width - Math.floor(2 * w)} ${pixels.height - Math.floor(2 * h)}`);
+      say("paper " + colours[0].toString(16) + " more than paper " + (new Set(colours).size > 8));
+    };
+    $("save-svg").click();
+    $("save-png").click();
+    // Decoding takes real time, which the browser's clock does not wait for.
+    const busy = setInterval(() => {
+      new Uint32Array(2e6).map((_, i) => i * i);
+      if (document.querySelectorAll("pre").length === 3) clearInterval(busy);
+    }, 20);
+    """
+    page = with_script(to_html(graph(force_loop(), depth=1, title="fig 2/7")), script)
+    assert said(opened_in_browser(tmp_path, page, "--dump-dom")) == [
+        "fig_2_7.svg true",
+        "fig_2_7.png image/png 0 0",
+        "paper ffffffff more than paper true",
     ]
 
 

@@ -1,0 +1,167 @@
+"""Pictures laid out by elkjs, and how many wires cross and bend in a picture, whoever laid it out."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shutil
+import subprocess
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from forcectl.graph.layout.order import ranks
+from forcectl.graph.layout.placed import Picture, PlacedBox
+from forcectl.graph.layout.rows import Point
+from forcectl.graph.model import BlockGraph, Endpoint
+
+Wires = Sequence[Sequence[Point]]
+Lines = list[tuple[float, float, float]]  # where on the other axis, from, to
+
+_SCRIPT = Path(__file__).parents[1] / "graph" / "layout" / "elk.mjs"
+_NEAR = 0.05  # [px]
+_LAYERED = {"elk.algorithm": "layered", "elk.edgeRouting": "ORTHOGONAL", "elk.json.edgeCoords": "ROOT"}
+_IN_ROWS = {"elk.layered.wrapping.strategy": "MULTI_EDGE", "elk.aspectRatio": "2.3"}
+
+
+def laid_out(graphs: Sequence[Mapping[str, Any]]) -> list[list[Wires]]:
+    """The wires of each net of each graph, as elkjs leads them; skips the test where there is no elkjs."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no Node on this machine to run elkjs")
+    done = subprocess.run([node, _SCRIPT], input=json.dumps(graphs), capture_output=True, text=True, timeout=300)
+    if "Cannot find module 'elkjs'" in done.stderr:
+        pytest.skip("Node finds no elkjs along NODE_PATH or in node_modules beside the project")
+    assert done.returncode == 0, done.stderr
+    return [_nets(graph) for graph in json.loads(done.stdout)]
+
+
+def as_elk(graph: BlockGraph, picture: Picture) -> dict[str, Any]:
+    """The task of a picture for elkjs: sizes of blocks, ports with sides, wires, forward path, and rows if it has any.
+
+    Ports of blocks are where they are in the picture; those of open diagrams stay at their side, in any order.
+    """
+    boxes = {box.path: box for box in picture.boxes}
+    around = {child.path: block.path for block in graph.root.walk() for child in block.blocks}
+
+    def node(box: PlacedBox) -> dict[str, Any]:
+        ports = [
+            {
+                "id": _port_id(side, box.path, name),
+                "x": x - box.x,
+                "y": y - box.y,
+                "layoutOptions": {"elk.port.side": side},
+            }
+            for side, placed in (("WEST", box.inputs), ("EAST", box.outputs))
+            for name, (x, y) in placed
+        ]
+        if box.shape is not None:
+            fixed = {"elk.portConstraints": "FIXED_POS"}
+            return {"id": box.path, "width": box.width, "height": box.height, "ports": ports, "layoutOptions": fixed}
+        nets = [net for net in picture.nets if net.inside == box.path]
+        inner = [inside for path, inside in boxes.items() if around.get(path) == box.path]
+        column = ranks(graph.by_path[box.path])
+        options = {"elk.portConstraints": "FIXED_SIDE", "elk.layered.cycleBreaking.strategy": "MODEL_ORDER"}
+        return {
+            "id": f"open {box.path}",
+            "ports": ports,
+            "children": [node(inside) for inside in sorted(inner, key=lambda inside: column[inside.path])],
+            "edges": [
+                {
+                    "id": f"{number} {place} {box.path}",
+                    "sources": [_end_id(box.path, net.source, "EAST", "WEST")],
+                    "targets": [_end_id(box.path, target, "WEST", "EAST")],
+                }
+                for number, net in enumerate(nets)
+                for place, target in enumerate(net.targets)
+            ],
+            "layoutOptions": options | (_IN_ROWS if _has_rows(inner, column) else {}),
+        }
+
+    return {"id": "page", "children": [node(picture.boxes[0])], "layoutOptions": _LAYERED}
+
+
+def _has_rows(inner: Iterable[PlacedBox], column: Mapping[str, int]) -> bool:
+    """Whether a block stands left of one in an earlier column."""
+    return any(
+        column[a.path] < column[b.path] and b.x + b.width < a.x for a, b in itertools.permutations(list(inner), 2)
+    )
+
+
+def _port_id(side: str, block: str, port: str) -> str:
+    return f"{side} {port} {block}"
+
+
+def _end_id(inside: str, end: Endpoint, of_block: str, of_diagram: str) -> str:
+    return _port_id(of_diagram if end.block == inside else of_block, end.block, end.port)
+
+
+def _nets(graph: Mapping[str, Any]) -> list[Wires]:
+    found: dict[tuple[str, str], list[list[Point]]] = defaultdict(list)
+    waiting = [graph]
+    while waiting:
+        node = waiting.pop()
+        waiting += node.get("children", ())
+        for edge in node.get("edges", ()):
+            number, _, inside = edge["id"].split(" ", 2)
+            (way,) = edge["sections"]
+            points = [way["startPoint"], *way.get("bendPoints", ()), way["endPoint"]]
+            found[number, inside].append([(point["x"], point["y"]) for point in points])
+    return list(found.values())
+
+
+def count_crossings(nets: Iterable[Wires]) -> int:
+    """How often wires of two signals cross; wires of one signal that run together count as one."""
+    level = [(_lines(wires, 1), _lines(wires, 0)) for wires in nets]
+    return sum(
+        low + _NEAR < x < high - _NEAR and bottom + _NEAR < y < top - _NEAR
+        for one, other in itertools.permutations(level, 2)
+        for y, low, high in one[0]
+        for x, bottom, top in other[1]
+    )
+
+
+def count_bends(nets: Iterable[Wires]) -> int:
+    """How many corners the signals have; one where several wires of a signal turn together counts once."""
+    total = 0
+    for wires in nets:
+        corners: list[Point] = []
+        for wire in wires:
+            way = [wire[0], *(at for before, at in itertools.pairwise(wire) if not _same(before, at))]
+            corners += [
+                at
+                for before, at, after in zip(way, way[1:], way[2:], strict=False)
+                if _turns(before, at, after) and not any(_same(at, known) for known in corners)
+            ]
+        total += len(corners)
+    return total
+
+
+def _same(one: Point, other: Point) -> bool:
+    return abs(one[0] - other[0]) < _NEAR and abs(one[1] - other[1]) < _NEAR
+
+
+def _turns(before: Point, at: Point, after: Point) -> bool:
+    return not any(abs(before[k] - at[k]) < _NEAR and abs(at[k] - after[k]) < _NEAR for k in (0, 1))
+
+
+def _lines(wires: Wires, axis: int) -> Lines:
+    """The lines of a signal along which a coordinate does not change, those that overlap joined."""
+    spans: dict[float, list[list[float]]] = defaultdict(list)
+    for wire in wires:
+        for one, other in itertools.pairwise(wire):
+            if abs(one[axis] - other[axis]) < _NEAR:
+                spans[round(one[axis], 1)].append(sorted((one[1 - axis], other[1 - axis])))
+    joined: Lines = []
+    for at, along in spans.items():
+        low, high = -float("inf"), -float("inf")
+        for start, end in sorted(along):
+            if start > high + _NEAR:
+                joined.append((at, low, high))
+                low, high = start, end
+            high = max(high, end)
+        joined.append((at, low, high))
+    return joined
