@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 from weakref import ref
@@ -13,6 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from forcectl.force.guard.kernel import (
     BLOCK,
     DESIRED,
+    FAST,
     FAULT,
     LOOP,
     NEW_LOOP,
@@ -52,20 +54,23 @@ class ControllerGuard(LeafSystem):
     Sampling: every `period` [s]; no delay. Between ticks outputs are held, but for a command that is passed on.
 
     Args:
-        loops: k.
-        limits: what it goes by.
+        limits: what it goes by, of each loop; of one that there could be for k = 0.
         steps: of the command.
         start: command before the first tick, shape (m,) [m or rad].
+        loops: k.
         rates: whether there is a command_rate.
     """
 
     port_units = {"forces": "N"}
 
-    def __init__(self, loops: int, limits: GuardLimits, steps: Steps, start: ArrayLike, *, rates: bool = False):
+    def __init__(
+        self, limits: Sequence[GuardLimits], steps: Steps, start: ArrayLike, *, loops: int, rates: bool = False
+    ):
         super().__init__()
-        period = check("period", limits.period, "positive")
+        first_limits = limits[0]
+        period = check("period", first_limits.period, "positive")
         command: Numbers = np.asarray(start, dtype=float).tolist()
-        self._loops, self._limits, self._steps, self._m = loops, limits, steps, len(command)
+        self._loops, self._each, self._limits, self._steps, self._m = loops, limits, first_limits, steps, len(command)
         self._soonest = 0.999 * period
         first = [*command, 0.0, -period, *[0.0] * (BLOCK - 1), *[0.0] * self._m]
         block_state = self.DeclareDiscreteState(first)
@@ -114,8 +119,10 @@ class ControllerGuard(LeafSystem):
                 return
             depths = self._steps.depths(block[: self._m])
             rows = [memory[i : i + LOOP] for i in range(0, k * LOOP, LOOP)]
-            every = zip(rows, desired.tolist(), measured.tolist(), depths, strict=True)
-            memory = [number for each in every for number in read(limits, first, *each)]
+            every = zip(
+                self._each, itertools.repeat(first), rows, desired.tolist(), measured.tolist(), depths, strict=True
+            )
+            memory = [number for each in every for number in read(*each)]
         output.SetFromVector(np.array(memory[DESIRED::LOOP] + memory[READING::LOOP] + memory))
 
     def guarded(self, context: Context) -> Array:
@@ -134,30 +141,31 @@ class ControllerGuard(LeafSystem):
         m, raw = self._m, self._command.Eval(context).tolist()
         now = context.get_time()
         command, shift = state[:m], state[-m:]
-        _, last, reaction, _, _, retreats, held = state[m:-m]
+        _, last, reaction, _, _, retreats, held, _, _ = state[m:-m]
         if now - last < self._soonest:
             # What a controller of its own rhythm gives between ticks.
             if reaction == 0.0 and not any(shift) and self._steps.within(raw, command):
                 state[:m] = raw
             return state
-        fault, released = self._found(context)
+        fault, released, fast = self._found(context)
         if not (fault or reaction or held or any(shift)) and self._steps.within(raw, command):
             # What `decide` does, in a fifth of the time.
-            return [*raw, 0.0, now, 0.0, 0.0, 0.0, retreats, 0.0, *shift]
+            return [*raw, 0.0, now, 0.0, 0.0, 0.0, retreats, 0.0, 0.0, 0.0, *shift]
         block = [now, *state[m + 2 : -m]]
-        block, command, shift = decide(self._limits, block, fault, released, command, raw, shift, self._steps)
+        block, command, shift = decide(self._limits, block, fault, released, fast, command, raw, shift, self._steps)
         return [*command, 100.0 * block[1] + 10.0 * block[2], *block, *shift]
 
-    def _found(self, context: Context) -> tuple[float, float]:
-        """The worst fault of the loops, and the least of what they say of the end of a retreat."""
+    def _found(self, context: Context) -> tuple[float, float, float]:
+        """The worst fault of the loops, the least of what they say of the end of a retreat, the farthest fast one."""
         k = self._loops
         if k == 0:
-            return 0.0, 1.0
+            return 0.0, 1.0, 0.0
         forces = self._forces.Eval(context)
         if k == 1:
-            return forces.item(2 + FAULT), forces.item(2 + RELEASED)
+            return forces.item(2 + FAULT), forces.item(2 + RELEASED), forces.item(2 + FAST)
         memory = forces[2 * k :]
-        return memory[FAULT::LOOP].max().item(), memory[RELEASED::LOOP].min().item()
+        every = (memory[FAULT::LOOP].max(), memory[RELEASED::LOOP].min(), memory[FAST::LOOP].max())
+        return tuple(each.item() for each in every)
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         next_state.set_value(self._block, self._guarded.Eval(context)[: self._size])
