@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.errors import BadInputError
 from forcectl.force.guard.guard import ControllerGuard
 from forcectl.force.guard.kernel import GuardLimits, estimate_of, largest_jump
 from forcectl.force.guard.passes import passes
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 _LARGEST = 1e4  # [N] that a force can be where the range of a sensor is not known
 _MEASURED = 0.9  # of the range, up to which a force is still measured
 _PULL = 0.02  # of the range, below which the reading of a surface that cannot pull is implausible
+_TURNS = 0.03  # [s] from the first touch until sensor, estimate and drive turn a motion round
+_OVER = 1.2  # of maximum_force, which a touch may come to
 _FORGOTTEN = 2.0  # [s] after which energy that went into a surface counts for a third
 _DEEPER = 0.05  # of the range: what a live sensor shows of the way for it
 
@@ -98,6 +101,30 @@ class GuardConfig(Config):
             back=self.retreat_speed * period,
         )
 
+    def check_approach(self, model: PlantModel, key: str, speed: float) -> None:
+        """Refuse a speed at which no retreat keeps the force of the first touch below 1.2 `maximum_force`.
+
+        Args:
+            model: of the plant.
+            key: of the speed.
+            speed: at which the surface is met [m/s].
+
+        Raises:
+            BadInputError: with the numbers.
+        """
+        if self.maximum_force is None or not model.size:
+            return
+        stiffness = 1.0 / float(np.min(model.total_compliance))
+        late = _TURNS + model.sensor_delay
+        largest = _OVER * self.maximum_force / (stiffness * late)
+        if speed > largest:
+            fault = (
+                f" = {speed:g} m/s: the force rises by {stiffness * speed * late:.3g} N on {stiffness:.4g} N/m in the "
+                f"{late:g} s until a retreat begins: must be at most {largest:.3g} m/s with guard.maximum_force = "
+                f"{self.maximum_force:g} N"
+            )
+            raise BadInputError(fault, key=key)
+
     def of_law(self, model: PlantModel, rates: bool = False) -> ControllerGuard:
         """The guard of a force law; `rates`: one that gives the speed of its command, too."""
         period = model.period
@@ -117,7 +144,8 @@ class GuardConfig(Config):
 
         Args:
             model: of the plant.
-            loops: force loops whose forces the controller reads.
+            loops: force loops whose forces the controller reads; without any, `maximum_force` is of the estimated force
+                on each arm.
             rates: whether it gives the speed of its command, too.
         """
         robot, start, period = model.known_robot(), model.start, model.period
@@ -125,7 +153,8 @@ class GuardConfig(Config):
         rows, direction = _along_normals(model, loops)
         slow = np.full(model.num_joints, self.slow_speed * period)
         steps = JointSteps(largest, slow, start, rows, direction)
-        return ControllerGuard(self._each(model), steps, start, loops=loops, rates=rates)
+        arms = 0 if loops or self.maximum_force is None else len(robot.parts.arms)
+        return ControllerGuard(self._each(model), steps, start, loops=loops, rates=rates, arms=arms)
 
 
 def _along_normals(model: PlantModel, loops: int) -> tuple[Array, Callable[[Array], Array]]:

@@ -20,6 +20,7 @@ from forcectl.force.guard.kernel import (
     NEW_LOOP,
     READING,
     RELEASED,
+    Cause,
     GuardLimits,
     Numbers,
     Steps,
@@ -37,16 +38,18 @@ class ControllerGuard(LeafSystem):
 
     ```
     name: ControllerGuard
-    input_ports: [desired_force (optional), measured_force (optional), command, command_rate (optional)]
+    input_ports: [desired_force (optional), measured_force (optional), command, command_rate (optional),
+    estimated_wrench (optional)]
     output_ports: [forces (optional), guarded]
     ```
 
     desired_force, measured_force: shape (k,) [N]; left out for k = 0.
     command: shape (m,), of the controller [m or rad]. command_rate: shape (m,), its speed [m/s or rad/s], where it
     gives one.
-    forces: shape (21k,), guarded desired forces (k,), guarded readings (k,), what the tick makes of the readings [N].
+    estimated_wrench: shape (6a,), of the environment on each arm, [torque; force] [Nm, N]; where there are arms.
+    forces: shape (25k,), guarded desired forces (k,), guarded readings (k,), what the tick makes of the readings [N].
     Feedthrough of desired_force and measured_force.
-    guarded: shape (2m + 7,), guarded command (m,), status, what the block remembers of the tick [m or rad]; with a
+    guarded: shape (2m + 9,), guarded command (m,), status, what the block remembers of the tick [m or rad]; with a
     command_rate the guarded one (m,) is behind it. Feedthrough of all inputs.
 
     The status is 0 while the command is passed on, bit for bit, else 100 times the `Reaction` and 10 times the `Cause`.
@@ -59,12 +62,20 @@ class ControllerGuard(LeafSystem):
         start: command before the first tick, shape (m,) [m or rad].
         loops: k.
         rates: whether there is a command_rate.
+        arms: a, whose forces are looked at in place of those of loops.
     """
 
     port_units = {"forces": "N"}
 
     def __init__(
-        self, limits: Sequence[GuardLimits], steps: Steps, start: ArrayLike, *, loops: int, rates: bool = False
+        self,
+        limits: Sequence[GuardLimits],
+        steps: Steps,
+        start: ArrayLike,
+        *,
+        loops: int,
+        rates: bool = False,
+        arms: int = 0,
     ):
         super().__init__()
         first_limits = limits[0]
@@ -94,6 +105,9 @@ class ControllerGuard(LeafSystem):
         self._rate = self.DeclareVectorInputPort("command_rate", self._m) if rates else None
         if self._rate:
             reads.add(self._rate.ticket())
+        self._wrench = self.DeclareVectorInputPort("estimated_wrench", 6 * arms) if arms else None
+        if self._wrench:
+            reads.add(self._wrench.ticket())
         self._size = len(first)
         self._guarded = self.DeclareVectorOutputPort(
             "guarded",
@@ -159,13 +173,23 @@ class ControllerGuard(LeafSystem):
         """The worst fault of the loops, the least of what they say of the end of a retreat, the farthest fast one."""
         k = self._loops
         if k == 0:
-            return 0.0, 1.0, 0.0
+            return self._of_arms(context), 1.0, 0.0
         forces = self._forces.Eval(context)
         if k == 1:
             return forces.item(2 + FAULT), forces.item(2 + RELEASED), forces.item(2 + FAST)
         memory = forces[2 * k :]
         every = (memory[FAULT::LOOP].max(), memory[RELEASED::LOOP].min(), memory[FAST::LOOP].max())
         return tuple(each.item() for each in every)
+
+    def _of_arms(self, context: Context) -> float:
+        """What is wrong with the forces on the arms."""
+        if not self._wrench:
+            return Cause.NONE
+        forces = self._wrench.Eval(context).reshape(-1, 6)[:, 3:]
+        largest = np.linalg.norm(forces, axis=1).max()
+        if not np.isfinite(largest):
+            return Cause.READING
+        return Cause.FORCE if largest > self._limits.force else Cause.NONE
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         next_state.set_value(self._block, self._guarded.Eval(context)[: self._size])

@@ -48,6 +48,8 @@ _RECOVERY = 0.1  # of a tick held, that a sound tick makes up for
 _SENSED = 0.5  # [N] below which a reading does not show that a sensor answers
 _RELEASED = 0.8  # of the largest force, at which a retreat may end
 _CREEP = 0.1  # of the retreat's speed, at which a surface is looked for after it
+_LEAP = 6.0  # of the force that is coming
+_MOST = 2.5  # of the largest force, that a fast retreat is worth
 _FASTER = 50.0  # of the retreat's speed, on the way that the force is worth by the model
 _GAIN = 0.25  # [s] in which the speed doubles at which a command is caught up with
 
@@ -132,7 +134,13 @@ class GuardLimits(NamedTuple):
 
 
 class Steps(Protocol):
-    """What is known of the command, of m numbers."""
+    """What is known of the command, of m numbers.
+
+    Attributes:
+        away: whether there is a way away from surfaces.
+    """
+
+    away: bool
 
     def depths(self, command: Numbers) -> Numbers:
         """Displacement along the normal of each loop, pressing is negative [m]."""
@@ -243,7 +251,7 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
     aim = min(asked, _RELEASED * limits.force)
     coming = estimate + limits.ahead * max(rate, 0.0)
     if coming > limits.force:
-        fast = limits.compliance * (coming - aim)
+        fast = limits.compliance * min(estimate - aim + _LEAP * limits.ahead * max(rate, 0.0), _MOST * limits.force)
         fault = Cause.FORCE
     elif losses > LOSSES or (good < FELT * asked and felt - depth > limits.search):
         fault = Cause.CONTACT
@@ -297,12 +305,12 @@ def decide(
     finite = all(abs(value) < math.inf for value in wanted)
     if reaction in (Reaction.PASS, Reaction.HOLD, Reaction.SLOW):
         before = reaction
-        reaction, cause = _react(fault, finite, reaction, cause, creeps)
+        reaction, cause = _react(fault, finite, reaction, cause, creeps, steps.away)
         since = since + 1.0 if reaction == before else 0.0
         held = held + 1.0 if reaction == Reaction.HOLD else max(held - _RECOVERY, 0.0)
         retreats += float(fault == Cause.FORCE)
         if held >= limits.patience and reaction == Reaction.HOLD:
-            reaction, since = Reaction.RETREAT, 0.0
+            reaction, since = Reaction.RETREAT if steps.away else Reaction.STOP, 0.0
         gone, quick = 0.0, fast
     else:
         since += 1.0
@@ -327,9 +335,9 @@ def decide(
     return [time, reaction, cause, since, retreats, held, gone, quick], command, shift
 
 
-def _react(fault: float, finite: bool, reaction: float, cause: float, creeps: bool) -> tuple[float, float]:
+def _react(fault: float, finite: bool, reaction: float, cause: float, creeps: bool, away: bool) -> tuple[float, float]:
     """Reaction and cause from those of the tick before, while the guard passes, holds or slows down."""
-    if fault in _AT_ONCE:
+    if fault in _AT_ONCE and away:
         return Reaction.RETREAT, fault
     if fault or not finite:
         return Reaction.HOLD, cause if reaction == Reaction.HOLD else fault or Cause.COMMAND
