@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from typing import Any
 from weakref import ref
@@ -133,9 +132,7 @@ class ControllerGuard(LeafSystem):
                 return
             depths = self._steps.depths(block[: self._m])
             rows = [memory[i : i + LOOP] for i in range(0, k * LOOP, LOOP)]
-            every = zip(
-                self._each, itertools.repeat(first), rows, desired.tolist(), measured.tolist(), depths, strict=True
-            )
+            every = zip(self._each, [first] * k, rows, desired.tolist(), measured.tolist(), depths, strict=True)
             memory = [number for each in every for number in read(*each)]
         output.SetFromVector(np.array(memory[DESIRED::LOOP] + memory[READING::LOOP] + memory))
 
