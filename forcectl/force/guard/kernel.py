@@ -50,6 +50,7 @@ _RELEASED = 0.8  # of the largest force, at which a retreat may end
 _CREEP = 0.1  # of the retreat's speed, at which a surface is looked for after it
 _LEAP = 6.0  # of the force that is coming
 _MOST = 2.5  # of the largest force, that a fast retreat is worth
+_NOT_ALL = 0.5  # of the retreat, that is fast: the rest is for seeing what it does
 _FASTER = 50.0  # of the retreat's speed, on the way that the force is worth by the model
 _GAIN = 0.25  # [s] in which the speed doubles at which a command is caught up with
 
@@ -311,7 +312,7 @@ def decide(
         retreats += float(fault == Cause.FORCE)
         if held >= limits.patience and reaction == Reaction.HOLD:
             reaction, since = Reaction.RETREAT if steps.away else Reaction.STOP, 0.0
-        gone, quick = 0.0, fast
+        gone, quick = 0.0, min(fast, _NOT_ALL * limits.retreat)
     else:
         since += 1.0
     if reaction == Reaction.SLOW:
