@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, PassThrough
 
 from forcectl.diagrams.guarded import FORCES, guarded
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError
 from forcectl.estimation.surface_offset import Sliding
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
@@ -19,6 +19,7 @@ from forcectl.framework.wiring import Enclosed, add_part, affine, export_outputs
 from forcectl.plant.plant_model import PlantModel
 
 _JOINT_COMMANDS = ("joint_position_command", "joint_velocity_command")
+_WRENCH = "estimated_wrench"
 _NO_SURFACE = " has no surface: must have one for a force law to press on"
 
 
@@ -128,8 +129,12 @@ class GuardedController(Diagram):
     output_ports: [(further outputs of the controller)]
     ```
 
-    The ports are those of the controller, and `status` of the guard. All outputs are feedthrough of all inputs when
-    those of the controller are.
+    The ports are those of the controller, `status` of the guard, and `estimated_wrench` where the guard has a largest
+    force and the controller reads no forces along normals. All outputs are feedthrough of all inputs when those of the
+    controller are.
+
+    Attributes:
+        guard_inputs: what only the guard reads.
 
     Sampling: every `period` [s] the controller and its guard.
 
@@ -138,23 +143,24 @@ class GuardedController(Diagram):
         controller: with the output joint_position_command.
         model: of the plant.
         guard: around it.
-
-    Raises:
-        BadInputError: a largest force of a controller that reads no forces.
     """
 
     def __init__(self, builder: DiagramBuilder, controller: System, model: PlantModel, guard: GuardConfig):
         super().__init__()
         self.optional_inputs = tuple(getattr(controller, "optional_inputs", ()))
+        self.guard_inputs: tuple[str, ...] = ()
         loops = model.size if set(FORCES) <= set(input_names(controller)) else 0
-        if loops == 0 and guard.maximum_force is not None:
-            needed = f"null: this controller does not read {' and '.join(FORCES)}, which the guard watches"
-            raise invalid("guard.maximum_force", guard.maximum_force, needed)
         rate = "joint_velocity_command"
         block = guard.of_joints(model, loops, rate in output_names(controller))
         ports = guarded(builder, controller, "joint_position_command", rate, block)
-        for name, port in ports.inputs.items():
-            builder.ExportInput(port, name)
+        inputs = {name: builder.ExportInput(port, name) for name, port in ports.inputs.items()}
+        if block.HasInputPort(_WRENCH):
+            wrench = block.GetInputPort(_WRENCH)
+            if _WRENCH in inputs:
+                builder.ConnectInput(inputs[_WRENCH], wrench)
+            else:
+                builder.ExportInput(wrench, _WRENCH)
+                self.guard_inputs = (_WRENCH,)
         export_outputs(builder, ports.outputs)
         builder.BuildInto(self)
 
@@ -192,8 +198,11 @@ def build_controller(
         guard: around it; None: there is none.
 
     Raises:
-        BadInputError: the system has neither output, or lacks an input of a force law.
+        BadInputError: the system has neither output, or lacks an input of a force law; or it approaches surfaces at a
+            speed from which the largest force cannot be kept.
     """
+    if guard is not None and hasattr(config, "approach_speed"):
+        guard.check_approach(model, *config.approach_speed())
     builder = DiagramBuilder()
     try:
         made = add_part(config, "controller", builder, model)

@@ -178,6 +178,10 @@ def build_loop(parts: LoopParts) -> Loop:
         signals.chosen[name] = port
     for name, system in estimators.items():
         signals.connect(f"estimators.{name}", system, getattr(system, "optional_inputs", ()))
+    for name in getattr(controller, "guard_inputs", ()):
+        if name not in signals.chosen and not signals.offers(name):
+            needed = f"null, or a part must put out {name}, such as `estimators: {{force: !ForceEstimator {{}}}}`"
+            raise invalid("guard.maximum_force", getattr(parts.guard, "maximum_force", None), needed)
     signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))
     _command(builder, controller, station)
     ports = _logged(parts, sources, station, controller, estimators) | signals.chosen

@@ -100,6 +100,7 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
         sensor_noise=getattr(sensor, "noise_std", 0.0) > quantum / 4,
         pulls=not all(getattr(contact.environment, "one_sided", True) for contact in contacts),
         drive_compliance=workcell.drive_compliance,
+        gap=np.array([getattr(contact.surface, "gap", 0.0) for contact in contacts]),
         robot=contacts[0].robot if contacts else workcell.robot,
         start=workcell.motor_start.copy(),
         normals=np.array([contact.n for contact in contacts]).reshape(-1, 3),

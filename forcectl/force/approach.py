@@ -238,6 +238,10 @@ class ApproachConfig(Config):
     timeout: float = key(10.0, "without a contact it gives up", unit="s", bounds="positive")
     clearance: float = key(0.01, "how far it leaves when the desired force is zero", unit="m", bounds="positive")
 
+    def approach_speed(self) -> tuple[str, float]:
+        """Key and value of the speed [m/s] at which a surface is met."""
+        return "speed", self.speed
+
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the law; None if it does not tell."""
         told: float | None = getattr(self.law, "reference_model_bandwidth", lambda: None)()

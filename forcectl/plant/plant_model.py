@@ -41,6 +41,7 @@ class PlantModel:
         pulls: surfaces may pull, so that forces below zero are true ones.
         drive_compliance: part of C_R between command and motors, shape (k,) or a number [m/N]; the positions of the
             motors show it.
+        gap: way to the surface at the start, shape (k,) or a number [m].
         robot: kinematics, dynamics and limits; its TCP is that of the first loop's arm. None without a robot.
         start: measured joint positions at the start, shape (n,) [rad].
         normals: outward unit normal of the surface of each loop in the world, shape (k, 3).
@@ -66,6 +67,7 @@ class PlantModel:
     sensor_noise: bool = False
     pulls: bool = True
     drive_compliance: Array | float = 0.0
+    gap: Array | float = 0.0
     robot: RobotModel | None = None
     start: Array = field(default_factory=lambda: np.zeros(0))
     normals: Array = field(default_factory=lambda: np.zeros((0, 3)))
@@ -140,7 +142,7 @@ class PlantModel:
             index: of the loop, from 0 to k - 1.
         """
         one = slice(index, index + 1)
-        drive = np.broadcast_to(self.drive_compliance, self.size)[one]
+        drive, gap = (np.broadcast_to(each, self.size)[one] for each in (self.drive_compliance, self.gap))
         robot = self.robot
         if robot is not None and self.arms:
             robot = robot.for_arm(self.arms[index])
@@ -150,6 +152,7 @@ class PlantModel:
             robot_compliance=self.robot_compliance[one],
             environment_compliance=self.environment_compliance[one],
             drive_compliance=drive,
+            gap=gap,
             robot=robot,
             normals=self.normals[one],
             arms=self.arms[one],

@@ -23,8 +23,8 @@ from tests.examples.robot_controller_examples import ROBOT_INPUTS, robot_feedthr
 FORCES = ("desired_force", "measured_force")
 
 
-def guard_of(law: bool) -> ControllerGuard:
-    config, model = GuardConfig(), plant_model(two_tables())
+def guard_of(law: bool, maximum_force: float | None = None) -> ControllerGuard:
+    config, model = GuardConfig(maximum_force=maximum_force), plant_model(two_tables())
     return config.of_law(model) if law else config.of_joints(model, 0, rates=True)
 
 
@@ -66,6 +66,16 @@ GUARD_EXAMPLES: dict[type[System], list[Example]] = {
             {
                 "command_rate": lambda t: 0.6 * np.cos(60 * t) * np.ones(14),
                 "command": lambda t: plant_model(two_tables()).start + 0.01 * math.sin(60 * t),
+            },
+            periods={"period": 0.004},
+        ),
+        Example(
+            partial(guard_of, False, 30.0),
+            each("guarded", "command", "command_rate", "estimated_wrench"),
+            {
+                "command_rate": lambda t: 0.6 * np.cos(60 * t) * np.ones(14),
+                "command": lambda t: plant_model(two_tables()).start + 0.01 * math.sin(60 * t),
+                "estimated_wrench": lambda t: 40.0 * math.sin(9 * t) * np.ones(12),
             },
             periods={"period": 0.004},
         ),

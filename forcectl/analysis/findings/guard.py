@@ -29,6 +29,8 @@ _WHY = {
     Cause.CONTACT: "the contact is lost",
     Cause.FORCE: "the force comes to the largest one",
     Cause.COMMAND: "the controller's command jumps or is not a number",
+    Cause.RESPONSE: "the force sensor shows too little for the way into the surface",
+    Cause.ENERGY: "too much energy goes into the surface",
 }
 
 

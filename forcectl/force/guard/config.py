@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.errors import BadInputError
 from forcectl.force.guard.guard import ControllerGuard
 from forcectl.force.guard.kernel import GuardLimits, estimate_of, largest_jump
 from forcectl.force.guard.passes import passes
@@ -22,6 +23,9 @@ Array = NDArray[np.float64]
 _LARGEST = 1e4  # [N] that a force can be where the range of a sensor is not known
 _MEASURED = 0.9  # of the range, up to which a force is still measured
 _PULL = 0.02  # of the range, below which the reading of a surface that cannot pull is implausible
+_TURNS = 0.03  # [s] from the first touch until sensor, estimate and drive turn a motion round
+_OVER = 1.2  # of maximum_force, which a touch may come to
+_FORGOTTEN = 2.0  # [s] after which energy that went into a surface counts for a third
 _DEEPER = 0.05  # of the range: what a live sensor shows of the way for it
 
 
@@ -43,30 +47,53 @@ class GuardConfig(Config):
         0.02, "into the surface, at which a command is caught up with", unit="m/s", bounds="positive"
     )
     frozen_time: float = key(0.1, "for which a sensor with noise may repeat itself", unit="s", bounds="positive")
+    least_response: float = key(
+        0.25, "of the force that the way into the surface is worth by the model; 0: any", bounds="not negative"
+    )
+    energy: float = key(
+        2.0,
+        "that goes into the surface within about 2 s, beyond the elastic one of maximum_force",
+        unit="J",
+        bounds="positive",
+    )
     search_distance: float = key(0.01, "way beyond the last contact, to find it again", unit="m", bounds="positive")
     patience: float = key(0.3, "for which a command is held before the retreat", unit="s", bounds="not negative")
     retreat_distance: float = key(0.01, "along the normals", unit="m", bounds="positive")
     retreat_speed: float = key(0.05, "of it", unit="m/s", bounds="positive")
     retreats: int = key(3, "from the largest force, before the stop", bounds="not negative")
 
-    def limits(self, model: PlantModel) -> GuardLimits:
-        """What the guard of a loop goes by."""
+    def limits(self, model: PlantModel, index: int = 0) -> GuardLimits:
+        """What the guard of a loop goes by.
+
+        Args:
+            model: of the plant.
+            index: of the loop.
+        """
         period, range_ = model.period, min(model.sensor_range, _LARGEST)
         lag, square, share = estimate_of(model.sensor_bandwidth, model.sensor_damping_ratio, period)
         compliance = float(np.min(model.total_compliance)) if model.size else math.inf
+        force = _MEASURED * model.sensor_range if self.maximum_force is None else self.maximum_force
+        own = float(model.total_compliance[index]) if model.size else math.inf
+        settles = self.reaction_time + model.sensor_lag
         return GuardLimits(
             period=period,
             highest=range_ * 1.001,
             lowest=-range_ * (1.001 if model.pulls else _PULL),
             jump=largest_jump(model.sensor_bandwidth, period, range_),
             desired=range_,
-            force=_MEASURED * model.sensor_range if self.maximum_force is None else self.maximum_force,
+            force=force,
             lag=lag,
             square=square,
             share=share,
             ahead=0.0 if self.maximum_force is None else self.reaction_time + model.sensor_delay,
             same=self.frozen_time / period if model.sensor_noise else math.inf,
             deeper=compliance * range_ * _DEEPER,
+            compliance=own,
+            gap=float(np.broadcast_to(model.gap, model.size)[index]) if model.size else 0.0,
+            settle=1.0 - math.exp(-period / settles) if settles else 1.0,
+            response=self.least_response,
+            energy=self.energy + 0.5 * own * force**2,
+            keep=math.exp(-period / _FORGOTTEN),
             search=self.search_distance,
             patience=max(self.patience / period, 1.0),
             retreats=self.retreats,
@@ -74,11 +101,39 @@ class GuardConfig(Config):
             back=self.retreat_speed * period,
         )
 
+    def check_approach(self, model: PlantModel, key: str, speed: float) -> None:
+        """Refuse a speed at which no retreat keeps the force of the first touch below 1.2 `maximum_force`.
+
+        Args:
+            model: of the plant.
+            key: of the speed.
+            speed: at which the surface is met [m/s].
+
+        Raises:
+            BadInputError: with the numbers.
+        """
+        if self.maximum_force is None or not model.size:
+            return
+        stiffness = 1.0 / float(np.min(model.total_compliance))
+        late = _TURNS + model.sensor_delay
+        largest = _OVER * self.maximum_force / (stiffness * late)
+        if speed > largest:
+            fault = (
+                f" = {speed:g} m/s: the force rises by {stiffness * speed * late:.3g} N on {stiffness:.4g} N/m in the "
+                f"{late:g} s until a retreat begins: must be at most {largest:.3g} m/s with guard.maximum_force = "
+                f"{self.maximum_force:g} N"
+            )
+            raise BadInputError(fault, key=key)
+
     def of_law(self, model: PlantModel, rates: bool = False) -> ControllerGuard:
         """The guard of a force law; `rates`: one that gives the speed of its command, too."""
         period = model.period
         steps = DisplacementSteps(self.maximum_speed * period, self.slow_speed * period)
-        return ControllerGuard(model.size, self.limits(model), steps, np.zeros(model.size), rates=rates)
+        return ControllerGuard(self._each(model), steps, np.zeros(model.size), loops=model.size, rates=rates)
+
+    def _each(self, model: PlantModel) -> list[GuardLimits]:
+        """The limits of each loop."""
+        return [self.limits(model, index) for index in range(max(model.size, 1))]
 
     def passes(self, model: PlantModel, desired: Array, measured: Array, command: Array) -> bool:
         """Whether the guard of a force law would have passed on a run that had none; see `passes`."""
@@ -89,16 +144,17 @@ class GuardConfig(Config):
 
         Args:
             model: of the plant.
-            loops: force loops whose forces the controller reads.
+            loops: force loops whose forces the controller reads; without any, `maximum_force` is of the estimated force
+                on each arm.
             rates: whether it gives the speed of its command, too.
         """
         robot, start, period = model.known_robot(), model.start, model.period
         largest = self.joint_speed * robot.limits.velocity * period
         rows, direction = _along_normals(model, loops)
         slow = np.full(model.num_joints, self.slow_speed * period)
-        return ControllerGuard(
-            loops, self.limits(model), JointSteps(largest, slow, start, rows, direction), start, rates=rates
-        )
+        steps = JointSteps(largest, slow, start, rows, direction)
+        arms = 0 if loops or self.maximum_force is None else len(robot.parts.arms)
+        return ControllerGuard(self._each(model), steps, start, loops=loops, rates=rates, arms=arms)
 
 
 def _along_normals(model: PlantModel, loops: int) -> tuple[Array, Callable[[Array], Array]]:

@@ -13,11 +13,13 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from forcectl.force.guard.kernel import (
     BLOCK,
     DESIRED,
+    FAST,
     FAULT,
     LOOP,
     NEW_LOOP,
     READING,
     RELEASED,
+    Cause,
     GuardLimits,
     Numbers,
     Steps,
@@ -35,16 +37,18 @@ class ControllerGuard(LeafSystem):
 
     ```
     name: ControllerGuard
-    input_ports: [desired_force (optional), measured_force (optional), command, command_rate (optional)]
+    input_ports: [desired_force (optional), measured_force (optional), command, command_rate (optional),
+    estimated_wrench (optional)]
     output_ports: [forces (optional), guarded]
     ```
 
     desired_force, measured_force: shape (k,) [N]; left out for k = 0.
     command: shape (m,), of the controller [m or rad]. command_rate: shape (m,), its speed [m/s or rad/s], where it
     gives one.
-    forces: shape (21k,), guarded desired forces (k,), guarded readings (k,), what the tick makes of the readings [N].
+    estimated_wrench: shape (6a,), of the environment on each arm, [torque; force] [Nm, N]; where there are arms.
+    forces: shape (25k,), guarded desired forces (k,), guarded readings (k,), what the tick makes of the readings [N].
     Feedthrough of desired_force and measured_force.
-    guarded: shape (2m + 7,), guarded command (m,), status, what the block remembers of the tick [m or rad]; with a
+    guarded: shape (2m + 9,), guarded command (m,), status, what the block remembers of the tick [m or rad]; with a
     command_rate the guarded one (m,) is behind it. Feedthrough of all inputs.
 
     The status is 0 while the command is passed on, bit for bit, else 100 times the `Reaction` and 10 times the `Cause`.
@@ -52,20 +56,31 @@ class ControllerGuard(LeafSystem):
     Sampling: every `period` [s]; no delay. Between ticks outputs are held, but for a command that is passed on.
 
     Args:
-        loops: k.
-        limits: what it goes by.
+        limits: what it goes by, of each loop; of one that there could be for k = 0.
         steps: of the command.
         start: command before the first tick, shape (m,) [m or rad].
+        loops: k.
         rates: whether there is a command_rate.
+        arms: a, whose forces are looked at in place of those of loops.
     """
 
     port_units = {"forces": "N"}
 
-    def __init__(self, loops: int, limits: GuardLimits, steps: Steps, start: ArrayLike, *, rates: bool = False):
+    def __init__(
+        self,
+        limits: Sequence[GuardLimits],
+        steps: Steps,
+        start: ArrayLike,
+        *,
+        loops: int,
+        rates: bool = False,
+        arms: int = 0,
+    ):
         super().__init__()
-        period = check("period", limits.period, "positive")
+        first_limits = limits[0]
+        period = check("period", first_limits.period, "positive")
         command: Numbers = np.asarray(start, dtype=float).tolist()
-        self._loops, self._limits, self._steps, self._m = loops, limits, steps, len(command)
+        self._loops, self._each, self._limits, self._steps, self._m = loops, limits, first_limits, steps, len(command)
         self._soonest = 0.999 * period
         first = [*command, 0.0, -period, *[0.0] * (BLOCK - 1), *[0.0] * self._m]
         block_state = self.DeclareDiscreteState(first)
@@ -89,6 +104,9 @@ class ControllerGuard(LeafSystem):
         self._rate = self.DeclareVectorInputPort("command_rate", self._m) if rates else None
         if self._rate:
             reads.add(self._rate.ticket())
+        self._wrench = self.DeclareVectorInputPort("estimated_wrench", 6 * arms) if arms else None
+        if self._wrench:
+            reads.add(self._wrench.ticket())
         self._size = len(first)
         self._guarded = self.DeclareVectorOutputPort(
             "guarded",
@@ -114,8 +132,8 @@ class ControllerGuard(LeafSystem):
                 return
             depths = self._steps.depths(block[: self._m])
             rows = [memory[i : i + LOOP] for i in range(0, k * LOOP, LOOP)]
-            every = zip(rows, desired.tolist(), measured.tolist(), depths, strict=True)
-            memory = [number for each in every for number in read(limits, first, *each)]
+            every = zip(self._each, [first] * k, rows, desired.tolist(), measured.tolist(), depths, strict=True)
+            memory = [number for each in every for number in read(*each)]
         output.SetFromVector(np.array(memory[DESIRED::LOOP] + memory[READING::LOOP] + memory))
 
     def guarded(self, context: Context) -> Array:
@@ -134,30 +152,41 @@ class ControllerGuard(LeafSystem):
         m, raw = self._m, self._command.Eval(context).tolist()
         now = context.get_time()
         command, shift = state[:m], state[-m:]
-        _, last, reaction, _, _, retreats, held = state[m:-m]
+        _, last, reaction, _, _, retreats, held, _, _ = state[m:-m]
         if now - last < self._soonest:
             # What a controller of its own rhythm gives between ticks.
             if reaction == 0.0 and not any(shift) and self._steps.within(raw, command):
                 state[:m] = raw
             return state
-        fault, released = self._found(context)
+        fault, released, fast = self._found(context)
         if not (fault or reaction or held or any(shift)) and self._steps.within(raw, command):
             # What `decide` does, in a fifth of the time.
-            return [*raw, 0.0, now, 0.0, 0.0, 0.0, retreats, 0.0, *shift]
+            return [*raw, 0.0, now, 0.0, 0.0, 0.0, retreats, 0.0, 0.0, 0.0, *shift]
         block = [now, *state[m + 2 : -m]]
-        block, command, shift = decide(self._limits, block, fault, released, command, raw, shift, self._steps)
+        block, command, shift = decide(self._limits, block, fault, released, fast, command, raw, shift, self._steps)
         return [*command, 100.0 * block[1] + 10.0 * block[2], *block, *shift]
 
-    def _found(self, context: Context) -> tuple[float, float]:
-        """The worst fault of the loops, and the least of what they say of the end of a retreat."""
+    def _found(self, context: Context) -> tuple[float, float, float]:
+        """The worst fault of the loops, the least of what they say of the end of a retreat, the farthest fast one."""
         k = self._loops
         if k == 0:
-            return 0.0, 1.0
+            return self._of_arms(context), 1.0, 0.0
         forces = self._forces.Eval(context)
         if k == 1:
-            return forces.item(2 + FAULT), forces.item(2 + RELEASED)
+            return forces.item(2 + FAULT), forces.item(2 + RELEASED), forces.item(2 + FAST)
         memory = forces[2 * k :]
-        return memory[FAULT::LOOP].max().item(), memory[RELEASED::LOOP].min().item()
+        every = (memory[FAULT::LOOP].max(), memory[RELEASED::LOOP].min(), memory[FAST::LOOP].max())
+        return tuple(each.item() for each in every)
+
+    def _of_arms(self, context: Context) -> float:
+        """What is wrong with the forces on the arms."""
+        if not self._wrench:
+            return Cause.NONE
+        forces = self._wrench.Eval(context).reshape(-1, 6)[:, 3:]
+        largest = np.linalg.norm(forces, axis=1).max()
+        if not np.isfinite(largest):
+            return Cause.READING
+        return Cause.FORCE if largest > self._limits.force else Cause.NONE
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         next_state.set_value(self._block, self._guarded.Eval(context)[: self._size])

@@ -7,6 +7,11 @@ A reading y is plausible within the range R of the sensor, and when the filter o
 The true force is estimated ahead of the sensor's lag by its inverse up to a bandwidth a, and looked at T_r ahead::
 
     F = (s^2/w^2 + 2 z s/w + 1)/(s/a + 1)^2 y,    F_ahead = F + T_r max(F', 0)
+
+The way x of the command, behind a lag T, is worth a force by the model's compliance C_T, from the surface x_0 on; the
+energy E that goes into the surface is forgotten with the time constant T_E::
+
+    F_x = (x_0 - x)/C_T,    E' = max(-y x', -E/dt) - E/T_E
 """
 
 from __future__ import annotations
@@ -21,14 +26,16 @@ Numbers = list[float]
 # Memory of a loop: what is wrong with it, whether a retreat from it may end, reading, reading before, ticks missed, raw
 # reading, raw reading before, ticks of raw readings that go together, ticks of equal ones, depth of the command where
 # those begin, desired force, ticks without one, two states of the estimate, the estimate, its rate, depth of the
-# command at the last contact, whether it is in contact, losses of it.
-_NEVER = -1e6  # [m] depth of a contact that there was not
-NEW_LOOP: Numbers = [*[0.0] * 16, _NEVER, 0.0, 0.0]
+# command at the last contact, whether it is in contact, losses of it; the depth behind a lag, the depth x_0 from which
+# on it is worth a force, the energy, how far a retreat is to be fast.
+_NEVER = -1e6  # [m] depth of a contact that there was not, and x_0 of a sensor that has shown that it answers
+NEW_LOOP: Numbers = [*[0.0] * 16, _NEVER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 LOOP = len(NEW_LOOP)
-FAULT, RELEASED, READING, DESIRED = 0, 1, 2, 10  # places in it
+FAULT, RELEASED, READING, DESIRED, FAST = 0, 1, 2, 10, 22  # places in it
 APART = 2.0  # in place of RELEASED: the surface is not felt
-# Memory of the block: time, reaction, cause, ticks in the reaction, retreats, ticks held.
-BLOCK = 6
+# Memory of the block: time, reaction, cause, ticks in the reaction, retreats, ticks held, how far a retreat has gone
+# and is to be fast.
+BLOCK = 8
 
 _AHEAD = 8.0  # bandwidth of the estimate, in bandwidths of the sensor
 TOGETHER = 10  # ticks after which readings that go together count again
@@ -38,8 +45,13 @@ FELT = 0.05  # of the desired force, below which a surface is not felt
 _MADE = 0.25  # of the desired force, above which a contact is made that can be lost
 LOSSES = 8  # of contact that are no hopping
 _RECOVERY = 0.1  # of a tick held, that a sound tick makes up for
+_SENSED = 0.5  # [N] below which a reading does not show that a sensor answers
 _RELEASED = 0.8  # of the largest force, at which a retreat may end
 _CREEP = 0.1  # of the retreat's speed, at which a surface is looked for after it
+_LEAP = 6.0  # of the force that is coming
+_MOST = 2.5  # of the largest force, that a fast retreat is worth
+_NOT_ALL = 0.5  # of the retreat, that is fast: the rest is for seeing what it does
+_FASTER = 50.0  # of the retreat's speed, on the way that the force is worth by the model
 _GAIN = 0.25  # [s] in which the speed doubles at which a command is caught up with
 
 
@@ -63,6 +75,11 @@ class Cause(IntEnum):
     CONTACT = 4
     FORCE = 5
     COMMAND = 6
+    RESPONSE = 7
+    ENERGY = 8
+
+
+_AT_ONCE = (Cause.FORCE, Cause.CONTACT, Cause.RESPONSE, Cause.ENERGY)  # retreat without a hold before it
 
 
 class GuardLimits(NamedTuple):
@@ -79,6 +96,12 @@ class GuardLimits(NamedTuple):
         ahead: T_r [s].
         same: ticks of equal readings of a frozen sensor; infinite for one without noise.
         deeper: way into the surface on which a live sensor shows something else [m].
+        compliance: C_T of the model [m/N].
+        gap: way to the surface at the start [m].
+        settle: of a tick in the lag of the depth [1].
+        response: least reading, in what the way into the surface is worth [1].
+        energy: largest that goes into the surface [J].
+        keep: of the energy, in a tick [1].
         search: way beyond the last contact on which a surface is looked for [m].
         patience: ticks that are held before a retreat.
         retreats: that are made before it stops.
@@ -98,6 +121,12 @@ class GuardLimits(NamedTuple):
     ahead: float
     same: float
     deeper: float
+    compliance: float
+    gap: float
+    settle: float
+    response: float
+    energy: float
+    keep: float
     search: float
     patience: float
     retreats: int
@@ -106,7 +135,13 @@ class GuardLimits(NamedTuple):
 
 
 class Steps(Protocol):
-    """What is known of the command, of m numbers."""
+    """What is known of the command, of m numbers.
+
+    Attributes:
+        away: whether there is a way away from surfaces.
+    """
+
+    away: bool
 
     def depths(self, command: Numbers) -> Numbers:
         """Displacement along the normal of each loop, pressing is negative [m]."""
@@ -158,7 +193,7 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
         depth: displacement of the command of the tick before, pressing is negative [m].
     """
     _, _, good, before, missed, raw, raw_before, together, same, anchor, asked, unasked = loop[:12]
-    one, two, estimate, rate, felt, touches, losses = loop[12:]
+    one, two, estimate, rate, felt, touches, losses, slow, zero, energy, _ = loop[12:]
     if -limits.desired <= desired <= limits.desired:
         asked, unasked = desired, 0.0
     else:
@@ -168,8 +203,11 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
         same += 1.0
     else:
         same, anchor = 0.0, depth
+    slow_before, slow = slow, slow + limits.settle * (depth - slow)
     n = missed + 1.0
     if first:
+        slow_before = slow = depth
+        zero = -limits.gap
         fits = plausible
         if fits:
             before = one = two = estimate = measured
@@ -182,6 +220,8 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
         fits = together >= TOGETHER
         if fits:
             before, together = raw, 0.0
+            # Of a sensor that shows another force at once nothing is known any more but what it showed before.
+            zero = slow + limits.compliance * good
     else:
         together, fits = 0.0, False
     if fits:
@@ -204,22 +244,33 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
                 touches, losses = 0.0, losses + 1.0
     else:
         missed = n
-    fault = Cause.NONE
-    if estimate + limits.ahead * max(rate, 0.0) > limits.force:
+    worth = (zero - slow) / limits.compliance
+    if good >= max(_MADE * asked, limits.response * worth, _SENSED):
+        zero = _NEVER
+    energy = max(limits.keep * energy - good * (slow - slow_before), 0.0)
+    fault, fast = Cause.NONE, 0.0
+    aim = min(asked, _RELEASED * limits.force)
+    coming = estimate + limits.ahead * max(rate, 0.0)
+    if coming > limits.force:
+        fast = limits.compliance * min(estimate - aim + _LEAP * limits.ahead * max(rate, 0.0), _MOST * limits.force)
         fault = Cause.FORCE
     elif losses > LOSSES or (good < FELT * asked and felt - depth > limits.search):
         fault = Cause.CONTACT
+    elif energy > limits.energy:
+        fault = Cause.ENERGY
     elif same > TOGETHER and (same >= limits.same or (good > 0.0 and anchor - depth > limits.deeper)):
         fault = Cause.FROZEN
+    elif asked > 0.0 and worth > limits.force and good < limits.response * worth:
+        fault = Cause.RESPONSE
     elif missed:
         fault = Cause.READING
     elif unasked:
         fault = Cause.REFERENCE
-    released = float(estimate <= min(asked, _RELEASED * limits.force) and rate <= 0.0)
+    released = float(estimate <= aim and rate <= 0.0)
     if estimate < FELT * asked:
         released = APART
     new = [fault, released, good, before, missed, measured, raw, together, same, anchor, asked, unasked]
-    return [*new, one, two, estimate, rate, felt, touches, losses]
+    return [*new, one, two, estimate, rate, felt, touches, losses, slow, zero, energy, fast]
 
 
 def decide(
@@ -227,6 +278,7 @@ def decide(
     block: Numbers,
     fault: float,
     released: float,
+    fast: float,
     command: Numbers,
     raw: Numbers,
     shift: Numbers,
@@ -239,26 +291,28 @@ def decide(
         block: memory of the tick before.
         fault: `Cause` of the worst of the loops; 0 for none.
         released: the least of the loops: whether a retreat may end, or `APART`.
+        fast: the most of the loops: how far a retreat is to be fast [m].
         command: guarded command of the tick before, m numbers [m or rad].
         raw: command of the controller, m numbers.
         shift: of the tick before, m numbers.
         steps: of the command.
     """
-    time, reaction, cause, since, retreats, held = block
+    time, reaction, cause, since, retreats, held, gone, quick = block
     shifted = any(shift)
     wanted = [r + s for r, s in zip(raw, shift, strict=True)] if shifted else raw
     creeps = shifted and released == APART
     if reaction == Reaction.PASS and not fault and not creeps and steps.within(wanted, command):
-        return [time, 0.0, 0.0, 0.0, retreats, max(held - _RECOVERY, 0.0)], wanted, shift
+        return [time, 0.0, 0.0, 0.0, retreats, max(held - _RECOVERY, 0.0), 0.0, 0.0], wanted, shift
     finite = all(abs(value) < math.inf for value in wanted)
     if reaction in (Reaction.PASS, Reaction.HOLD, Reaction.SLOW):
         before = reaction
-        reaction, cause = _react(fault, finite, reaction, cause, creeps)
+        reaction, cause = _react(fault, finite, reaction, cause, creeps, steps.away)
         since = since + 1.0 if reaction == before else 0.0
         held = held + 1.0 if reaction == Reaction.HOLD else max(held - _RECOVERY, 0.0)
         retreats += float(fault == Cause.FORCE)
         if held >= limits.patience and reaction == Reaction.HOLD:
-            reaction, since = Reaction.RETREAT, 0.0
+            reaction, since = Reaction.RETREAT if steps.away else Reaction.STOP, 0.0
+        gone, quick = 0.0, min(fast, _NOT_ALL * limits.retreat)
     else:
         since += 1.0
     if reaction == Reaction.SLOW:
@@ -270,20 +324,21 @@ def decide(
             reaction = cause = since = 0.0
     elif reaction == Reaction.RETREAT:
         again = finite and cause == Cause.FORCE and retreats <= limits.retreats
-        far = since * limits.back >= limits.retreat - _TINY
+        far = gone >= limits.retreat - _TINY
         if again and (far or released):
             shift = [c - r for c, r in zip(command, raw, strict=True)]
             reaction = cause = since = 0.0
         elif far:
             reaction = Reaction.STOP
         else:
-            command = steps.back(command, limits.back)
-    return [time, reaction, cause, since, retreats, held], command, shift
+            step = min(max(quick - gone, limits.back), _FASTER * limits.back, limits.retreat - gone)
+            command, gone = steps.back(command, step), gone + step
+    return [time, reaction, cause, since, retreats, held, gone, quick], command, shift
 
 
-def _react(fault: float, finite: bool, reaction: float, cause: float, creeps: bool) -> tuple[float, float]:
+def _react(fault: float, finite: bool, reaction: float, cause: float, creeps: bool, away: bool) -> tuple[float, float]:
     """Reaction and cause from those of the tick before, while the guard passes, holds or slows down."""
-    if fault in (Cause.FORCE, Cause.CONTACT):
+    if fault in _AT_ONCE and away:
         return Reaction.RETREAT, fault
     if fault or not finite:
         return Reaction.HOLD, cause if reaction == Reaction.HOLD else fault or Cause.COMMAND

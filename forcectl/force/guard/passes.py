@@ -37,6 +37,7 @@ def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: A
         and _forces(limits, measured).max() <= sure * limits.force
         and not _frozen(limits, measured, command)
         and not _lost(limits, desired, measured, command)
+        and _answers(limits, desired, measured, command)
     )
 
 
@@ -74,3 +75,14 @@ def _lost(limits: GuardLimits, desired: Array, measured: Array, command: Array) 
     last = np.maximum.accumulate(np.where(feels & asks, tick, -1))
     too_far = (last >= 0) & ~feels & (before[last] - before > limits.search * (1.0 - _ROUNDING))
     return bool(losses > LOSSES or too_far.any())
+
+
+def _answers(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:
+    """Whether readings answer to the way into the surface, also after they have done so, and little energy goes in."""
+    before = np.concatenate([[0.0], command[:-1]])
+    slow, _ = lfilter([limits.settle], [1.0, limits.settle - 1.0], before, zi=[(1.0 - limits.settle) * before[0]])
+    worth = (-limits.gap - slow) / limits.compliance
+    silent = (worth > limits.force * (1.0 - _ROUNDING)) & (measured < limits.response * worth * (1.0 + _ROUNDING))
+    gone_in = np.maximum(-measured * np.diff(slow, prepend=slow[0]), 0.0)
+    energy = lfilter([1.0], [1.0, -limits.keep], gone_in)
+    return bool(not (silent & (desired > 0.0)).any() and energy.max() <= limits.energy * (1.0 - _ROUNDING))

@@ -20,6 +20,8 @@ class DisplacementSteps:
         slow: into the surface, at which a command is caught up with [m].
     """
 
+    away = True
+
     def __init__(self, largest: float, slow: float):
         self._largest, self._slow = largest, slow
 
@@ -59,10 +61,11 @@ class JointSteps:
     def __init__(self, largest: Array, slow: Array, start: Array, rows: Array, direction: Callable[[Array], Array]):
         self._largest, self._slow, self._start, self._rows = largest, slow, start, rows
         self._direction = direction
+        self.away = len(rows) > 0
 
     def depths(self, command: Numbers) -> Numbers:
         """Along the tangents at the start."""
-        depths: Numbers = (self._rows @ (np.array(command) - self._start)).tolist() if len(self._rows) else []
+        depths: Numbers = (self._rows @ (np.array(command) - self._start)).tolist() if self.away else []
         return depths
 
     def within(self, wanted: Sequence[float], command: Sequence[float]) -> bool:
@@ -76,9 +79,7 @@ class JointSteps:
         return (wanted, True) if share <= 1.0 else ((np.array(command) + way / share).tolist(), False)
 
     def back(self, command: Numbers, distance: float) -> Numbers:
-        """All tools away from their surfaces; where there is none the joints stay."""
-        if not len(self._rows):
-            return command
+        """All tools away from their surfaces."""
         here = np.array(command)
         away: Numbers = (here + distance * self._direction(here)).tolist()
         return away

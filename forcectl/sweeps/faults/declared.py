@@ -158,7 +158,9 @@ FAULTS = (
         "spike", "one reading of -1e6 N", _of_force(kind="value", value=-1e6, duration=1e-3), (Cause.READING,)
     ),
     DeclaredFault("frozen", "the reading stays as it is", _of_force(kind="frozen"), _READ),
-    DeclaredFault("zero", "the reading is 0 N from then on", _of_force(kind="value", value=0.0), _READ),
+    DeclaredFault(
+        "zero", "the reading is 0 N from then on", _of_force(kind="value", value=0.0), (*_READ, Cause.RESPONSE)
+    ),
     DeclaredFault(
         "dropout", f"the reading is 0 N for {SHORT:g} s", _of_force(kind="value", value=0.0, duration=SHORT), _READ
     ),
@@ -180,7 +182,7 @@ FAULTS = (
         "wrong scale",
         "half of the force is measured",
         _of_force(kind="scale", value=0.5),
-        (Cause.READING, Cause.FORCE),
+        (Cause.READING, Cause.FORCE, Cause.RESPONSE),
         _FORCE_OFF,
     ),
     DeclaredFault(
@@ -198,7 +200,7 @@ FAULTS = (
         "stiffness /10",
         "the surface is ten times softer than the model, from the start",
         _stiffer(0.1),
-        (Cause.CONTACT,),
+        (Cause.CONTACT, Cause.RESPONSE),
         (*_FORCE_OFF, *_CONTACT, *_SWINGS),
         from_start=True,
     ),
@@ -249,7 +251,7 @@ FAULTS = (
         "no solution of the controller's program meets its limits, from the start",
         _infeasible,
         (),
-        ("solver_fallback", "not_settled"),
+        (*_HELD, "not_settled", "target_not_reached"),
         from_start=True,
     ),
 )

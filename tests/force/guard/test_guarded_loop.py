@@ -8,9 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, System
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 import forcectl as fc
+from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.errors import BadInputError
 from forcectl.force.guard.config import GuardConfig
@@ -19,6 +23,7 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_fault import ForceFaultConfig
 from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.scenario.scenario import build, load_scenario
+from tests.examples.block_examples_stations import two_tables
 
 VRFT = {"proportional_gain": -1.446e-05, "integral_gain": -2.951e-05, "derivative_gain": 1.388e-08}
 INTEGRAL, ADAPTIVE = fc.force.IntegralConfig(), fc.force.AdaptiveIntegralConfig()
@@ -181,6 +186,93 @@ def test_joint_commands_are_guarded():
     assert signal(run, "status")[-1] == STOP + 10
 
 
-def test_a_largest_force_needs_a_controller_that_reads_forces():
-    with pytest.raises(BadInputError, match=r"guard.maximum_force = 30.0: must be null: this controller does not read"):
+NO_NOISE = {"noise_std": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("controller", "scale", "maximum", "sensor"),
+    [(INTEGRAL, 0.0, 30.0, NO_NOISE), (INTEGRAL, 0.05, 30.0, {}), (fc.force.PidConfig(), 0.2, 20.0, {})],
+)
+def test_a_sensor_that_shows_too_little_from_the_start_ends_in_a_stop(controller, scale, maximum, sensor):
+    """Without the guard the true force rises to 89, 78 and 63 N."""
+    faulty = WristForceConfig(faults=[ForceFaultConfig(kind="scale", value=scale)], **sensor)
+    station = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e4}, "sensors": {"force": faulty}}
+    run = outcome(controller, 2.2, station=station, guard=GuardConfig(maximum_force=maximum))
+    assert signal(run, "contact_force").max() < 1.3 * maximum
+    assert signal(run, "contact_force")[-1] == 0
+    assert signal(run, "status")[-1] == STOP + 70
+
+
+def test_what_the_way_is_worth_may_be_left_unasked():
+    """The surface is ten times softer than the model's, which looks like a sensor that shows a tenth."""
+    soft = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e3}}
+    ends = []
+    for share in (0.25, 0.0):
+        guard = GuardConfig(maximum_force=20.0, least_response=share)
+        run = outcome(ADAPTIVE, 1.8, station=soft, model={"environment_compliance": 0.05}, guard=guard)
+        ends.append(signal(run, "status")[-1])
+    assert ends == [STOP + 70, 0]
+
+
+@pytest.mark.parametrize(("maximum", "expected"), [(30.0, 1.2), (20.0, 1.3)])
+def test_a_stiff_surface_that_comes_closer_is_left_in_time(maximum, expected):
+    """Ten times as stiff as the model's, at 20 mm/s; by the retreat's speed alone it was 1.34 and 1.63 times."""
+    moves = [{"start": 0.8, "distance": 0.005, "duration": 0.25}]
+    station = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e5, "surface": {"moves": moves}}}
+    changes = {"reference": {"force": maximum / 2}, "model": {"environment_compliance": 10.0}}
+    run = outcome(INTEGRAL, 1.1, station=station, guard=GuardConfig(maximum_force=maximum), **changes)
+    assert signal(run, "contact_force").max() < expected * maximum
+    assert RETREAT + 50 in signal(run, "status")
+
+
+@pytest.mark.parametrize(("energy", "status"), [(1e-3, RETREAT + 80), (2.0, 0)])
+def test_energy_that_goes_into_a_surface_is_bounded(energy, status):
+    """The law goes after a surface that gives way at 5 mm/s under 15 N."""
+    moves = [{"start": 0.156, "distance": -4.2e-3, "duration": 0.844}]
+    station = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e4, "surface": {"moves": moves}}}
+    run = outcome(LawConfig(5e-3), 1.0, station=station, guard=GuardConfig(maximum_force=30.0, energy=energy))
+    assert signal(run, "contact_force").max() < 20
+    assert set(signal(run, "status")) - {STOP + 80} == {0, status}
+
+
+def test_an_approach_that_no_retreat_can_turn_round_is_refused():
+    base = {"station": {"fidelity": "OneDimensional", "environment": {"stiffness": 1e5, "surface": {"gap": 5e-3}}}}
+    law = fc.force.ApproachConfig(speed=0.05)
+    with pytest.raises(
+        BadInputError, match=r"controller.speed = 0.05 m/s: the force rises by 35.7 N .* at most 0.0336"
+    ):
+        build(load_scenario(base | {"controller": law, "guard": {"maximum_force": 20.0}}))
+    build(load_scenario(base | {"controller": law, "guard": {"maximum_force": 30.0}}))
+
+
+def test_a_largest_force_of_arms_needs_their_estimated_forces():
+    with pytest.raises(
+        BadInputError, match=r"guard.maximum_force = 30.0: must be null, or .* put out estimated_wrench"
+    ):
         fc.build("fig_5_3", overrides={"guard.maximum_force": 30.0})
+
+
+@pytest.mark.parametrize(
+    ("size", "lasts", "expected"),
+    [(25.0, 0.5, {0}), (50.0, 0.1, {0, HOLD + 50, 200 + 50}), (50.0, 0.5, {0, HOLD + 50, STOP + 50})],
+)
+def test_a_force_on_an_arm_holds_the_joints_and_then_stops_them(size, lasts, expected):
+    """A force from 0.1 s on, on the second arm, while the joints move."""
+    model = plant_model(two_tables())
+    builder = DiagramBuilder()
+    guard = builder.AddSystem(GuardConfig(maximum_force=30.0).of_joints(model, 0))
+    way = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], np.array([model.start, model.start + 0.05]).T)
+    push = np.zeros((12, 4))
+    push[9:, 1] = size / np.sqrt(3.0)
+    force = PiecewisePolynomial.ZeroOrderHold([0.0, 0.1, 0.1 + lasts, 2.0], push)
+    for source, name in ((way, "command"), (force, "estimated_wrench")):
+        builder.Connect(builder.AddSystem(TrajectorySource(source)).get_output_port(), guard.GetInputPort(name))
+    log = LogVectorOutput(guard.GetOutputPort("guarded"), builder, model.period)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.8)
+    found = log.FindLog(simulator.get_context()).data()
+    joints, status = found[: model.num_joints], found[model.num_joints]
+    assert set(status) == expected
+    moves = np.abs(np.diff(joints, axis=1)).max(axis=0)
+    assert not moves[status[1:] == HOLD + 50].any()
+    assert moves.max() < 1e-3

@@ -12,7 +12,7 @@ from forcectl.force.guard.passes import passes
 PERIOD, RANGE, STEP, TICKS = 0.002, 50.0, 0.004, 600
 
 
-def limits(bandwidth: float, noisy: bool) -> GuardLimits:
+def limits(bandwidth: float, noisy: bool, compliance: float = 1.0, energy: float = np.inf) -> GuardLimits:
     lag, square, share = estimate_of(bandwidth, 1.0, PERIOD)
     return GuardLimits(
         period=PERIOD,
@@ -27,6 +27,12 @@ def limits(bandwidth: float, noisy: bool) -> GuardLimits:
         ahead=0.05,
         same=50.0 if noisy else np.inf,
         deeper=1e-3,
+        compliance=compliance,
+        gap=0.0,
+        settle=0.02,
+        response=0.25,
+        energy=energy,
+        keep=0.999,
         search=0.01,
         patience=150.0,
         retreats=3,
@@ -86,3 +92,13 @@ def test_it_says_what_the_ticks_say(bandwidth, noisy):
         said.append(passes(guard, STEP, *run))
         assert said[-1] == by_ticks(guard, *run)
     assert 30 < sum(said) < 270
+
+
+def test_it_is_never_surer_than_the_ticks_that_a_sensor_answers():
+    """Here a sensor that has answered once is asked again, and energy that comes back from a surface is not counted."""
+    rng, guard = np.random.default_rng(7), limits(60.0, True, compliance=2e-5, energy=1e-2)
+    runs = [some_run(rng) for _ in range(300)]
+    said = [passes(guard, STEP, *run) for run in runs]
+    true = [by_ticks(guard, *run) for run in runs]
+    assert not any(one and not other for one, other in zip(said, true, strict=True))
+    assert 20 < sum(said) < sum(true) < 270
