@@ -39,6 +39,7 @@ from forcectl.scenario.gains import identifications
 from forcectl.scenario.layers import Layers, locate_files
 from forcectl.scenario.probes import probes_of
 from forcectl.scenario.schema import ScenarioReader
+from forcectl.scenario.together import check_built, check_together
 from forcectl.scenario.trees import default_tags, to_tree, tree_of_fields
 from forcectl.scenario.user_settings import user_settings
 
@@ -112,11 +113,7 @@ class Scenario(Config):
         loop = build_loop(self.parts)
         if self.reference_model and "desired_force" not in loop.signals:
             raise invalid("reference_model", self.reference_model, "left out where nothing takes a desired force")
-        for i, name in enumerate(self.log):
-            if name in self.log[:i]:
-                raise invalid(f"log.{i}", name, "another one than those before it")
-            if name in loop.signals:
-                raise invalid(f"log.{i}", name, "left out: it is logged anyway")
+        check_built(self, loop)
         return replace(loop, probes=(*loop.probes, *probes_of(loop.diagram, self.log))) if self.log else loop
 
     def experiment(self, name: str, variant: str | None) -> Scenario:
@@ -314,6 +311,10 @@ def _resolved(
     locate_files(tree, file.folder)
     scenario: Scenario = ScenarioReader(layers.where, imports).dataclass(Scenario, tree)
     scenario.imports = imports
+    try:
+        check_together(scenario, overrides or {})
+    except BadInputError as error:
+        raise error.at(error.key, layers.where(error.key)) from None
     names = select_variants(file)
     for i, expectation in enumerate(scenario.expect):
         for term, name in expectation.variants(names).items():
