@@ -43,11 +43,11 @@ _ANY = ("", "a number", "not all zero")  # bounds that are none
 PHYSICAL: dict[str, tuple[float, float]] = {
     "": (1e6, 1e-15),
     "1": (1e6, 1e-6),
-    "s": (1e5, 1e-6),
+    "s": (1e6, 1e-6),
     "Hz": (1e5, 1e-6),
     "1/s": (1e5, 1e-6),
     "m": (100.0, 1e-9),
-    "m/s": (100.0, 1e-9),
+    "m/s": (1e3, 1e-9),
     "m/s^2": (1e5, 1e-9),
     "m/s^3": (1e10, 1e-9),
     "rad": (1e4, 1e-12),

@@ -76,7 +76,7 @@ REFUSED = [
     ("controller: {compliance_error: 1e-15}", "controller.compliance_error = 1e-15: must be from 0.001 to 1000"),
     ("controller: {lower_limit: -1000}", "controller.lower_limit = -1000.0: must be at least -10, below zero"),
     ("controller: {upper_limit: -0.1}", "controller.upper_limit = -0.1: must be above zero, at most 10"),
-    ("controller: {integral_gain: 1e6}", "controller.integral_gain = 1000000.0: must be from 0 to 1000"),
+    ("controller: {integral_gain: 1e6}", "controller.integral_gain = 1000000.0: must be from 0 to 10000"),
     ("motion: {speed: 1000}", "motion.speed = 1000.0: must be above 0 and at most 10"),
     ("motion: {distance: 500}", "motion.distance = 500.0: must be not negative, at most 100 m"),
     # expectations
