@@ -27,11 +27,13 @@ NO_LAG = (1e4, 1.0, 0.0)
 class ModelConfig(Config, in_batches=True):
     """Scenario part `model`: how the model differs from the plant."""
 
-    robot_compliance: float = key(1.0, "C_R of the model / C_R", bounds="positive", each=True)
-    environment_compliance: float = key(1.0, "C_E of the model / C_E", bounds="positive", each=True)
+    robot_compliance: float = key(1.0, "C_R of the model / C_R", bounds="from 0.001 to 1000", each=True)
+    environment_compliance: float = key(1.0, "C_E of the model / C_E", bounds="from 0.001 to 1000", each=True)
     friction: str = key("", "file of identified joint friction, see `FrictionIdentification`; empty: the plant's")
-    friction_scale: float = key(1.0, "factor on that friction", bounds="not negative")
-    inertia_scale: float = key(1.0, "masses and inertias of the model / those of the robot", bounds="positive")
+    friction_scale: float = key(1.0, "factor on that friction", bounds="from 0 to 1000")
+    inertia_scale: float = key(
+        1.0, "masses and inertias of the model / those of the robot", bounds="from 0.001 to 1000"
+    )
     payload: float = key(0.0, "mass at every TCP that only the model has", unit="kg", bounds="not negative")
 
     def __post_init__(self) -> None:

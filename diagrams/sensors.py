@@ -196,13 +196,15 @@ class JointReadingsConfig(Config):
         1e-6,
         "step of the positions; assumed: 16 bits per turn of a motor with a gear of 100",
         unit="rad",
-        bounds="not negative",
+        bounds="from 0 to 0.1",
     )
-    position_noise: float = key(0.0, "standard deviation of the positions per tick", unit="rad", bounds="not negative")
+    position_noise: float = key(0.0, "standard deviation of the positions per tick", unit="rad", bounds="from 0 to 0.1")
     torque_noise: float = key(
         0.1, "standard deviation of the torques per tick; assumed", unit="Nm", bounds="not negative"
     )
-    velocity_bandwidth: float = key(250.0, "of the filter of differences of positions", unit="rad/s", bounds="positive")
+    velocity_bandwidth: float = key(
+        250.0, "of the filter of differences of positions", unit="rad/s", bounds="from 0.1 to 1e+06"
+    )
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> JointSensors:
         """Add the block `joint_sensors`."""

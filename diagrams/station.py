@@ -46,7 +46,7 @@ class StationConfig(Config):
         "of every arm: shipped tool, tool folder, or null for the bare flange; or of each arm by its name",
     )
     stiffness_set: str = key("", "set of joint stiffness of the control parameters; empty: their default")
-    stiffness_scale: float = key(1.0, "factor on that joint stiffness", bounds="positive")
+    stiffness_scale: float = key(1.0, "factor on that joint stiffness", bounds="from 0.001 to 1000")
     elastic_joints: bool = key(True, "false: rigid joints, C_R = 0")
     posture_deg: list[float] = key([], "start posture of all arms; empty: the default", unit="deg")
     normal: list[float] = key([0.0, 0.0, 1.0], "normal where a surface has none, in W", bounds="not all zero", size=3)

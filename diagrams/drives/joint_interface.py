@@ -47,7 +47,7 @@ class JointServoConfig(Config):
 
     bandwidth: float | None = key(None, "w; null: that of the control parameters", unit="rad/s", bounds="positive")
     damping_ratio: float | None = key(None, "zeta; null: that of the control parameters", unit="1", bounds="positive")
-    integral_gain: float = key(15.0, "gain w_i of the integral", unit="1/s", bounds="not negative")
+    integral_gain: float = key(15.0, "gain w_i of the integral", unit="1/s", bounds="from 0 to 10000")
     rate: float = key(
         2000.0,
         "of the loops: as often as goes into a time step of the plant, at least once",

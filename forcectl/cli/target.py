@@ -116,7 +116,8 @@ def named_code(target: str, settings: Iterable[str] | None) -> list[str]:
     """Lines that say which code beside forcectl's own a target names; see `forcectl.scenario.code`."""
     if ":" in target and not os.path.exists(Path(target)):
         return said({"": target})
-    return said(code_in(as_file(target).tree) | code_in(nest(parse_settings(settings))))
+    file = as_file(target)
+    return said(code_in(file) | code_in(replace(file, tree=nest(parse_settings(settings)))))
 
 
 def _call_for_diagram(path: str) -> System:

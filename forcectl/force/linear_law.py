@@ -191,9 +191,9 @@ class VrftConfig(Config, in_batches=True):
     derivative_filter: float | None = key(
         None, "T_D; null: two control ticks", unit="s", bounds="not negative", each=True
     )
-    robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="not negative", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero", each=True)
+    robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="from 0 to 1000", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10", each=True)
     reference_bandwidth: float = key(
         1.5, "of the reference model it was tuned for", unit="rad/s", bounds="positive", each=True
     )

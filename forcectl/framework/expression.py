@@ -82,6 +82,14 @@ class Expression:
             if name not in names:
                 raise unknown(kind, name, names).at(self._key)
 
+    def check_condition(self) -> None:
+        """Raise BadInputError unless the expression is a condition: every part of it compares something with a name."""
+        for part in _parts_of_condition(self._tree):
+            if not isinstance(part, ast.Compare) or not any(map(_dotted, ast.walk(part))):
+                shown = "" if part is self._tree else f": {ast.unparse(part)!r}"
+                example = "a comparison of a name, such as overshoot_pct <= 5"
+                raise BadInputError(f" = {self.text!r}{shown}: must be {example}", key=self._key)
+
     def __call__(self, values: Mapping[str, Any]) -> Any:
         """The value of the expression; None where it has none.
 
@@ -193,6 +201,16 @@ class Expression:
         if isinstance(value, complex):  # a root of a negative number
             raise _UndefinedError
         return value
+
+
+def _parts_of_condition(node: ast.expr) -> Iterable[ast.expr]:
+    """What `and`, `or` and `not` join."""
+    inner = node.values if isinstance(node, ast.BoolOp) else [node.operand] if isinstance(node, ast.UnaryOp) else []
+    if not inner or (isinstance(node, ast.UnaryOp) and not isinstance(node.op, ast.Not)):
+        yield node
+        return
+    for part in inner:
+        yield from _parts_of_condition(part)
 
 
 def _dotted(node: ast.AST) -> str:

@@ -116,6 +116,8 @@ class Reader:
         if kind is Any or kind is object:
             return tree
         if dataclasses.is_dataclass(kind) and isinstance(kind, type):
+            if isinstance(tree, Tagged) and tree.tag is not None:
+                raise invalid(key, f"!{tree.tag}", f"without a tag: {describe(kind)}")
             return self.part(kind, tree, key, start if type(start) is kind else None)
         base, arguments = typing.get_origin(kind) or kind, typing.get_args(kind)
         if members(kind) != [kind]:

@@ -28,12 +28,18 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
     except (OSError, UnicodeDecodeError):
         raise invalid("path", path, "a readable CSV file in UTF-8") from None
     table = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    columns = [name for name in table.fieldnames or () if name]
+    if twice := next((name for name in columns if columns.count(name) > 1), None):
+        raise BadInputError(f" = {show(path)} has the column {show(twice)} twice: must have it once", key="path")
     if not {along, value} <= set(table.fieldnames or ()):
         raise BadInputError(
             f" = {show(path)} has columns {show(table.fieldnames)}: must have {along} and {value}", key="path"
         )
     rows: list[tuple[float, float]] = []
     for number, row in enumerate(table, start=2):
+        if None in row:
+            more = f"{len(columns)} columns, as in its first line"
+            raise BadInputError(f" = {show(path)} line {number} has more: must have {more}", key="path")
         try:
             pair = float(row[along]), float(row[value])
         except (TypeError, ValueError):

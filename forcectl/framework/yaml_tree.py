@@ -14,6 +14,7 @@ import re
 from collections.abc import Iterator, Mapping
 from enum import Enum
 from functools import lru_cache
+from itertools import islice
 from pathlib import PurePath
 from typing import Any, cast
 
@@ -52,8 +53,16 @@ class Tagged(dict[str, Any]):
 class _Loader(yaml.SafeLoader):
     """Plain values, tagged mappings, YAML 1.2 scalars; a key written twice is an error."""
 
+    def __init__(self, text: str):
+        super().__init__(text)
+        self._merging: list[yaml.MappingNode] = []
+
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        if any(node is one for one in self._merging):
+            raise _refusal(node, "a mapping is merged into itself")
+        self._merging.append(node)
         super().flatten_mapping(node)
+        self._merging.pop()
         if len(node.value) > _MOST_VALUES:  # mappings that merge each other many times make a short text unfold
             raise _refusal(node, f"more than {_MOST_VALUES} keys are merged")
 
@@ -87,6 +96,12 @@ for _class in (_Loader, _Dumper):
     for _name, _pattern, _first in _SCALARS:
         _class.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", _pattern, _first)
     _class.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^(?:<<)$"), ["<"])
+_PLAIN = ("null", "bool", "int", "float", "str", "seq", "map")  # tags of YAML's own that stand for parts of a tree
+_Loader.yaml_constructors = {
+    tag: construct
+    for tag, construct in yaml.SafeLoader.yaml_constructors.items()
+    if tag is None or tag.rpartition(":")[2] in _PLAIN
+}
 
 
 def _refusal(node: yaml.Node, text: str) -> yaml.YAMLError:
@@ -158,6 +173,8 @@ def _read(text: str, origin: str) -> Tree:
     if len(text) > _MOST_CHARACTERS:
         raise BadInputError(f"{origin}: not usable: {len(text)} characters: must be at most {_MOST_CHARACTERS}")
     try:
+        if _written(text) > _MOST_VALUES:
+            raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values")
         loader = _Loader(text)
         node = loader.get_single_node()
         tree = None if node is None else loader.construct_document(node)
@@ -176,9 +193,18 @@ def _read(text: str, origin: str) -> Tree:
         raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
     except RecursionError:
         raise BadInputError(f"{origin}: not valid YAML: nested too deeply") from None
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, KeyError) as error:
         # The parser's own slips on odd scalars and keys, for example a mapping used as a key.
         raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
+
+
+def _written(text: str) -> int:
+    """How many values a text has, at most one more than are allowed; 0 for a short one. Far faster than to read it."""
+    if len(text) <= _MOST_VALUES:  # a value is at least one character
+        return 0
+    events = yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # a build may be without C
+    values = (event for event in events if isinstance(event, yaml.NodeEvent))
+    return sum(1 for _ in islice(values, _MOST_VALUES + 1))
 
 
 def _values(tree: Tree) -> list[Tree]:

@@ -114,7 +114,7 @@ class TangentialMotionConfig(LineConfig, in_batches=True):
     """Scenario part `!AlongSurface`: move along the surface while the force is controlled. Distance 0: stay."""
 
     distance: float = key(0.0, "0: stay", unit="m", bounds="not negative")
-    speed: float = key(0.002, "largest speed", unit="m/s", bounds="positive")
+    speed: float = key(0.002, "largest speed", unit="m/s", bounds="above 0 and at most 10")
     start_time: float = key(0.0, "of the motion", unit="s", bounds="not negative")
 
     def interval(self) -> tuple[float, float] | None:

@@ -206,7 +206,7 @@ class ToolParameters(Config):
     tcp_frame: str = key(meaning="z is the tool axis, away from the flange")
     held_joints: dict[str, float] = key({}, "joints that are rigid, at this position", unit="rad, m")
     contact_ball_frame: str | None = key(None, "centre of the ball that touches")
-    contact_ball_radius: float = key(0.0, "a sharp point is 0", unit="m", bounds="not negative")
+    contact_ball_radius: float = key(0.0, "a sharp point is 0", unit="m", bounds="from 0 to 0.5")
     sensor_frame: str | None = key(None, "where the wrist sensor measures")
     sensor_weld: str | None = key(None, "joint whose reaction the sensor measures")
 

@@ -33,6 +33,8 @@ from forcectl.robot.parameters import (
 )
 from forcectl.robot.urdf import Urdf, UrdfJoint
 
+_HEAVIEST_TOOL = 2000.0  # [kg]: the largest robots carry little more
+
 Tool = str | Path | None  # shipped name, tool folder, or the bare flange
 
 
@@ -148,8 +150,24 @@ def add_robot_with(
             tool_parameters, called = tools[name]
             parts[name] = _with_tool(plant, parts[name], instances[called], tool_parameters)
         first = mine.stop
+    for joint in joints:
+        _check_moved_mass(plant, joint)
     missing_shapes = tuple(text for model in models.values() for text in model.urdf.missing_shapes)
     return RobotParts(parameters, instance, joints, actuators, parts, missing_shapes)
+
+
+def _check_moved_mass(plant: MultibodyPlant, joint: Joint) -> None:
+    """BadInputError unless a joint moves a mass: that of its link, or of what is welded to it."""
+    moved = plant.GetBodiesWeldedTo(joint.child_body())
+    if not sum(body.default_mass() for body in moved) > 0:
+        raise BadInputError(f"link {joint.child_body().name()!r}: mass = 0 kg: must be above zero in a link that moves")
+
+
+def _check_tool_mass(plant: MultibodyPlant, tool: ModelInstanceIndex) -> None:
+    mass = sum(plant.get_body(i).default_mass() for i in plant.GetBodyIndices(tool))
+    if mass > _HEAVIEST_TOOL:
+        name = plant.GetModelInstanceName(tool)
+        raise BadInputError(f"tool {name!r}: mass = {mass:g} kg: must be at most {_HEAVIEST_TOOL:g} kg", key="tool")
 
 
 def _tool_of_each(tool: Tool | Mapping[str, Tool], arms: Iterable[str]) -> dict[str, str | Path]:
@@ -265,6 +283,7 @@ def _completed(
 
 def _with_tool(plant: MultibodyPlant, arm: ArmParts, tool: ModelInstanceIndex, parameters: ToolParameters) -> ArmParts:
     """`arm` with a tool welded to its flange."""
+    _check_tool_mass(plant, tool)
     plant.WeldFrames(arm.flange_frame, frame_named(plant, parameters.mount_frame, tool))
     _hold(plant, parameters.held_joints, tool)
     ball, sensor, weld = parameters.contact_ball_frame, parameters.sensor_frame, parameters.sensor_weld

@@ -35,7 +35,11 @@ Element = ElementTree.Element
 
 _BY_DRAKE = (".obj", ".vtk", ".gltf")
 _ENTRIES = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])  # of an inertia, in the order below
-_LIGHTEST, _HEAVIEST = 1e-9, 1e6  # [kg] of a link that moves
+_LIGHTEST, _HEAVIEST = 1e-9, 1e4  # [kg] of a link that moves
+_AWAY = 5.0  # [m] of a link's origin to its centre of mass, at most
+_WIDEST = 10.0  # [m] radius of gyration of a link, at most
+# Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
+_LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
 _FAR = 0.5  # of the largest moment of inertia that the others may be short of a body's: a slip, and no estimate
 _MOVING = ("revolute", "continuous", "prismatic")
 
@@ -184,6 +188,12 @@ class _Rewriting:
             elif moved and mass_element is not None and not _LIGHTEST <= mass <= _HEAVIEST:
                 allowed = f"from {_LIGHTEST:g} to {_HEAVIEST:g} kg in a link that moves"
                 self._problem(link, f"link {name!r}: mass = {mass:g} kg: must be {allowed}")
+            elif (away := _away(inertial)) > _AWAY:
+                text = f"centre of mass {away:.3g} m from its origin: must be at most {_AWAY:g} m"
+                self._problem(link, f"link {name!r}: {text}")
+            elif mass > 0 and moments[2] > mass * _WIDEST**2:
+                allowed = f"at most mass x ({_WIDEST:g} m)^2 = {mass * _WIDEST**2:.3g} kg m2"
+                self._problem(link, f"link {name!r}: principal moments of inertia {shown} kg m2: must be {allowed}")
             elif (np.diag(inertias) < -1e-12).any():
                 diagonal = ", ".join(f"{each:.3g}" for each in np.diag(inertias))
                 self._problem(link, f"link {name!r}: inertia {diagonal} kg m2: must not be negative")
@@ -281,10 +291,17 @@ class _Rewriting:
         for each in ("effort", "velocity"):
             if values.get(each, 0.0) < 0:
                 self._problem(joint, f"joint {name!r}: {each} = {values[each]:g}: must not be negative")
+        for each in values if kind != "continuous" else ("effort", "velocity") if values else ():
+            if math.isfinite(values[each]) and abs(values[each]) > _LARGEST[each]:
+                allowed = f"at most {_LARGEST[each]:g} in size, or inf for none"
+                self._problem(joint, f"joint {name!r}: {each} = {values[each]:g}: must be {allowed}")
         dynamics = joint.find("dynamics")
         friction = (
             {each: float(dynamics.get(each, "0")) for each in NUMBERS["dynamics"]} if dynamics is not None else {}
         )
+        for each, value in friction.items():
+            if not 0 <= value <= _LARGEST[each]:
+                self._problem(joint, f"joint {name!r}: {each} = {value:g}: must be from 0 to {_LARGEST[each]:g}")
         if any(friction.values()) and dynamics is not None:
             self._remove(joint, dynamics)
         mimics = None
@@ -319,6 +336,12 @@ class _Rewriting:
                 self._remove(part, reduction)
         if any(not math.isfinite(joint.effort) for joint in joints.values()):
             self._remove(self._root, transmission)
+
+
+def _away(inertial: Element) -> float:
+    """Distance of a centre of mass from the origin of its link [m]."""
+    origin = inertial.find("origin")
+    return math.hypot(*(numbers_in(origin.get("xyz", "")) or [0.0])) if origin is not None else 0.0
 
 
 def _matrix(entries: dict[str, float]) -> np.ndarray:

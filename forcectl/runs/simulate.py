@@ -23,7 +23,7 @@ from forcectl.interrupts import Interrupts
 from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
 from forcectl.runs.probed import Probed
 from forcectl.scenario.gains import FoundGains, asks_for_gains, identifications, text_of, with_gains
-from forcectl.scenario.scenario import Scenario, build, experiment
+from forcectl.scenario.scenario import Scenario, build
 
 Array = NDArray[np.float64]
 CHUNK = 0.25  # [s] of simulated time between two looks at the log
@@ -105,7 +105,7 @@ def found_gains(scenario: Scenario, progress: Callable[[str, float], None] | Non
         KeyboardInterrupt: Ctrl-C.
     """
     gains = []
-    for one in identifications(scenario, experiment):
+    for one in identifications(scenario, scenario.experiment):
         text = text_of(one.scenario)
         metrics = FOUND.get(text)
         if metrics is None:

@@ -50,7 +50,7 @@ class StoredRun:
     @property
     def code(self) -> list[str]:
         """Lines that say which code beside forcectl's own the run was made with."""
-        return said(code_in(find_scenario(self.directory / "scenario.yaml").tree))
+        return said(code_in(find_scenario(self.directory / "scenario.yaml")))
 
     def draw(self, allow_imports: Sequence[str] = ()) -> Path:
         """Draw the figures of the log into the folder `figures`; returns it.

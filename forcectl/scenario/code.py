@@ -1,43 +1,82 @@
-"""Which code a scenario names, read off its text: nothing is imported here."""
+"""Which code a scenario names, itself or in a file that `gains_from` names. Read off the text: nothing is imported."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, show
 from forcectl.framework.imports import Imports
 from forcectl.framework.reader import join
 from forcectl.framework.yaml_tree import Tagged, Tree
-from forcectl.scenario.catalog import IMPORT, SLOTS, announced
+from forcectl.scenario.catalog import IMPORT, SLOTS, ScenarioFile, announced, find_scenario
 
 
-def code_in(tree: Tree) -> dict[str, str]:
-    """Import paths of the classes beside forcectl's own that a tree names, by the dotted key of the part.
+def code_in(file: ScenarioFile) -> dict[str, str]:
+    """Import paths of the classes beside forcectl's own that a scenario names, by the dotted key of the part.
 
     Args:
-        tree: of a scenario, or of a part of one.
+        file: a scenario, or a part of one, such as overrides.
     """
-    return {key: str(path) for key, path in _named(tree, "")}
+    found = {key: str(path) for key, path in _named(file.tree, "")}
+    for start, other in _experiments(file):
+        found |= {f"{start}: {other.origin}: {key}": str(path) for key, path in _named(other.tree, "")}
+    return found
 
 
-def check_imports(tree: Tree, imports: Imports, where: Callable[[str], str]) -> None:
-    """Refuse a tree that names code it may not, before any of it is imported.
+def check_imports(file: ScenarioFile, imports: Imports, where: Callable[[str], str]) -> None:
+    """Refuse a scenario that names code it may not, before any of it is imported.
+
+    The files that it names may import what it may itself, not what is beside them.
 
     Args:
-        tree: of a scenario, also with its variants.
+        file: a scenario as written, with its variants, or all its layers as one.
         imports: what is allowed.
         where: says for a dotted key where its value came from, for messages.
 
     Raises:
         BadInputError: an import path that is none, or is not allowed.
     """
+    _check(file.tree, imports, where)
+    for start, other in _experiments(file):
+        try:
+            _check(other.tree, imports, other.where)
+        except BadInputError as error:
+            raise BadInputError(f" = {show(other.name)}: {error}", key=start).at(start, where(start)) from None
+
+
+def _check(tree: Tree, imports: Imports, where: Callable[[str], str]) -> None:
     for key, path in _imported(tree, ""):
         full = join(key, "path")
         try:
             imports.check(path, full)
         except BadInputError as error:
             raise error.at(full, where(full)) from None
+
+
+def _experiments(file: ScenarioFile) -> Iterator[tuple[str, ScenarioFile]]:
+    """The scenarios that a scenario names, and those that they name, each once, with the key that it begins with."""
+    seen: set[tuple[str, str]] = set()
+    waiting = [(key, name, file) for key, name in _gains_from(file.tree, "")]
+    for start, name, home in waiting:  # which grows
+        beside = home.folder / name
+        try:
+            other = find_scenario(beside if os.path.isfile(beside) else name)
+        except BadInputError:  # what is no scenario is refused where it is read
+            continue
+        if (place := (str(other.folder.resolve()), other.origin)) not in seen:
+            seen.add(place)
+            yield start, replace(other, name=name)
+            waiting += [(start, inner, other) for _, inner in _gains_from(other.tree, "")]
+
+
+def _gains_from(tree: Tree, key: str) -> Iterator[tuple[str, str]]:
+    if isinstance(tree, Tagged) and isinstance(name := tree.get("gains_from"), str) and name:
+        yield join(key, "gains_from"), name
+    for inner, part in _parts(tree):
+        yield from _gains_from(part, join(key, inner))
 
 
 def _imported(tree: Tree, key: str) -> Iterator[tuple[str, Any]]:

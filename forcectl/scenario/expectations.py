@@ -104,10 +104,29 @@ class Expectation(Config):
             raise BadInputError(f"target {self.target!r}: drift must go together with expected, from which it counts")
         if self.minimum is not None and self.maximum is not None and self.minimum > self.maximum:
             raise invalid("minimum", self.minimum, f"at most maximum = {self.maximum:g}")
+        self._check_limits()
         if self.tolerance is None and self.minimum is None and self.maximum is None:
             raise BadInputError(
                 f"target {self.target!r} is missing what to judge by: must have tolerance, minimum or maximum"
             )
+
+    def _check_limits(self) -> None:
+        """Something passes between minimum and maximum; what the run gave does, where there is no gap."""
+        if not self.target.strip() or not self.target.isprintable():
+            raise invalid("target", self.target, "printable characters")
+        low, high = (x if x is not None else side for x, side in ((self.minimum, -math.inf), (self.maximum, math.inf)))
+        if self.strict and low == high:
+            raise invalid("minimum", low, f"below maximum = {high:g} where strict = true")
+        for i, name in enumerate(self.fidelities):
+            if name in self.fidelities[:i]:
+                raise invalid(f"fidelities.{i}", name, "another one than those before it")
+        known = self.expected if isinstance(self.expected, dict) else {"": self.expected}
+        for name, value in known.items():
+            judged = not name or not self.fidelities or name in self.fidelities
+            gap = self.gaps if not name else name in self.gaps
+            if value is not None and judged and not gap and not low <= value <= high:
+                allowed = f"from {low:g} to {high:g}, as minimum and maximum say, or have a gap"
+                raise invalid("expected" + (f".{name}" if name else ""), value, allowed)
 
     @property
     def metrics(self) -> list[str]:

@@ -8,11 +8,12 @@ seed. Controller, reference, motion and duration are the experiment's own. Its c
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from forcectl.errors import BadInputError, show
+from forcectl.errors import BadInputError, one_line, show
 from forcectl.framework.fields import Config
 from forcectl.framework.reader import join
 from forcectl.framework.yaml_tree import Tagged, Tree, dump
@@ -142,7 +143,7 @@ def _asking_in(part: Any, key: str) -> Iterator[tuple[str, Any]]:
 def _identification(scenario: Scenario, key: str, law: Any, experiment: Experiment) -> Identification:
     """What finds the gains of one law, the one at a dotted key."""
     found = _experiment_of(law, f"{key}.gains_from", experiment, [])
-    scale = float(found.controller.gain_scale(law.reference_model_bandwidth()))
+    scale = _scale(found.controller, law)
     own = replace(found, **{part: getattr(scenario, part) for part in _OF_THE_RUN})
     return Identification(key, _label(law), own, tuple(found.controller.finds_gains), scale)
 
@@ -153,18 +154,31 @@ def _experiment_of(law: Any, key: str, experiment: Experiment, chain: Sequence[s
     if len({*chain}) < len(chain):
         raise BadInputError(f" = {show(name)}: must not lead back to itself: {' -> '.join(chain)}", key=key)
     try:
-        found = experiment(name, law.gains_variant)
+        found = experiment(name, getattr(law, "gains_variant", None))
         for _, other in _asking(found):
             _experiment_of(other, key, experiment, chain)
         names = getattr(found.controller, "finds_gains", ())
-        if not names:
+        if not names or not isinstance(names, tuple | list):
             raise BadInputError("finds no gains: must be an experiment whose controller does, such as !RecursiveVrft")
         if missing := [gain for gain in names if not hasattr(law, gain)]:
             raise BadInputError(f"finds {', '.join(missing)}: the law has no key for it")
-        found.controller.gain_scale(law.reference_model_bandwidth())
+        _scale(found.controller, law)
     except BadInputError as error:
         raise error if error.key == key else BadInputError(f" = {show(name)}: {error}", key=key) from error
     return found
+
+
+def _scale(controller: Any, law: Any) -> float:
+    """What the gains that a controller finds are multiplied by for a law; either may be a class of the user's."""
+    try:
+        scale = float(controller.gain_scale(law.reference_model_bandwidth()))
+    except (BadInputError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise BadInputError(f"gain_scale(bandwidth) of its controller must give a number: {one_line(error)}") from error
+    if not math.isfinite(scale):
+        raise BadInputError(f"gain_scale(bandwidth) of its controller must give a finite number, not {scale}")
+    return scale
 
 
 def _is_written(tree: Tree) -> bool:
@@ -174,7 +188,8 @@ def _is_written(tree: Tree) -> bool:
 
 
 def _label(law: Any) -> str:
-    return str(law.gains_from) if law.gains_variant is None else f"{law.gains_from} ({law.gains_variant})"
+    variant = getattr(law, "gains_variant", None)
+    return str(law.gains_from) if variant is None else f"{law.gains_from} ({variant})"
 
 
 def _replaced(part: Any, path: Sequence[str], changes: Mapping[str, Any]) -> Any:

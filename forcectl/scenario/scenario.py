@@ -26,7 +26,7 @@ from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, sh
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, slot
-from forcectl.framework.imports import allowed_names
+from forcectl.framework.imports import Imports, allowed_names
 from forcectl.framework.yaml_tree import Tagged, Tree, difference, dump, plain
 from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
@@ -39,6 +39,7 @@ from forcectl.scenario.gains import identifications
 from forcectl.scenario.layers import Layers, locate_files
 from forcectl.scenario.probes import probes_of
 from forcectl.scenario.schema import ScenarioReader
+from forcectl.scenario.together import check_built, check_together
 from forcectl.scenario.trees import default_tags, to_tree, tree_of_fields
 from forcectl.scenario.user_settings import user_settings
 
@@ -87,6 +88,8 @@ class Scenario(Config):
     )
     expect: list[Expectation] = key([], "what is expected of the metrics")
 
+    imports = Imports()  # what it may name, and what it names may: no key
+
     def __repr__(self) -> str:
         controller = to_tree(self.controller, "controller")
         return f"<scenario {self.title!r}: {self.fidelity}, !{controller.tag}, {self.duration:g} s>"
@@ -110,12 +113,13 @@ class Scenario(Config):
         loop = build_loop(self.parts)
         if self.reference_model and "desired_force" not in loop.signals:
             raise invalid("reference_model", self.reference_model, "left out where nothing takes a desired force")
-        for i, name in enumerate(self.log):
-            if name in self.log[:i]:
-                raise invalid(f"log.{i}", name, "another one than those before it")
-            if name in loop.signals:
-                raise invalid(f"log.{i}", name, "left out: it is logged anyway")
+        check_built(self, loop)
         return replace(loop, probes=(*loop.probes, *probes_of(loop.diagram, self.log))) if self.log else loop
+
+    def experiment(self, name: str, variant: str | None) -> Scenario:
+        """The experiment that a law names in `gains_from`, without following what that one names."""
+        file = as_file(name)
+        return _resolved(file, select_variants(file, variant)[0], imports=self.imports)[0]
 
     def setting(self) -> Setting:
         """What analyses are given beside the log."""
@@ -241,10 +245,12 @@ def as_file(scenario: Named, allow_imports: Sequence[str] = ()) -> ScenarioFile:
 def _file(scenario: Named) -> ScenarioFile:
     if isinstance(scenario, ScenarioFile):
         return scenario
+    imports = Imports()
     if isinstance(scenario, Scenario):
-        scenario = {f.name: getattr(scenario, f.name) for f in fields(scenario)}
+        imports, scenario = scenario.imports, {f.name: getattr(scenario, f.name) for f in fields(scenario)}
     if isinstance(scenario, Mapping):
-        return ScenarioFile("scenario", "scenario", catalog.scenario_tree(plain(scenario), "scenario"), Path.cwd())
+        tree = catalog.scenario_tree(plain(scenario), "scenario")
+        return ScenarioFile("scenario", "scenario", tree, imports.folder or Path.cwd(), imports.names)
     if isinstance(scenario, str | Path):
         return catalog.find_scenario(scenario)
     raise invalid("scenario", scenario, "a name, a path, a mapping or a Scenario")
@@ -280,29 +286,36 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
     """
     scenario, where = _resolved(file, variant, overrides)
     try:
-        identifications(scenario, experiment)
+        identifications(scenario, scenario.experiment)
     except BadInputError as error:
         raise error.at(error.key, where(error.key)) from error.__cause__
     return scenario
 
 
-def experiment(name: str, variant: str | None) -> Scenario:
-    """The experiment that a law names in `gains_from`, without following what that one names."""
-    file = as_file(name)
-    return _resolved(file, select_variants(file, variant)[0])[0]
-
-
 def _resolved(
-    file: ScenarioFile, variant: str, overrides: Mapping[str, Any] | None = None
+    file: ScenarioFile, variant: str, overrides: Mapping[str, Any] | None = None, imports: Imports | None = None
 ) -> tuple[Scenario, Callable[[str], str]]:
-    """What `resolve` makes, whatever experiment it names, and where each of its keys is from."""
+    """What `resolve` makes, whatever experiment it names, and where each of its keys is from.
+
+    Args:
+        file: the scenario's.
+        variant: name of one of its variants.
+        overrides: by dotted key.
+        imports: what it may name; None: what its place allows.
+    """
+    imports = imports or file.allowed
     layers = Layers(file, variant, overrides or {}, default_tags(Scenario))
     tree = layers.merged()
     layers.check_gone(tree)
-    check_imports(file.tree, file.allowed, file.where)
-    check_imports(tree, file.allowed, layers.where)
+    check_imports(file, imports, file.where)
+    check_imports(replace(file, tree=tree), imports, layers.where)
     locate_files(tree, file.folder)
-    scenario: Scenario = ScenarioReader(layers.where, file.allowed).dataclass(Scenario, tree)
+    scenario: Scenario = ScenarioReader(layers.where, imports).dataclass(Scenario, tree)
+    scenario.imports = imports
+    try:
+        check_together(scenario, overrides or {})
+    except BadInputError as error:
+        raise error.at(error.key, layers.where(error.key)) from None
     names = select_variants(file)
     for i, expectation in enumerate(scenario.expect):
         for term, name in expectation.variants(names).items():

@@ -95,9 +95,11 @@ def _listed(key: str, values: list[Any], where: str) -> Axis:
     if not values:
         raise invalid(where, values, "a list of at least one value")
     labels = [label_of(value) for value in values]
-    for i, label in enumerate(labels):
-        if any(label == other and type(label) is type(other) for other in labels[:i]):
+    seen = set()
+    for label in labels:
+        if (type(label), label) in seen:
             raise BadInputError(f" holds {label!r} twice: values of a list must differ", key=where)
+        seen.add((type(label), label))
     return Axis(key, list(values), labels=labels)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
@@ -205,6 +206,8 @@ def draw(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) ->
                     " is a distribution: must be a list of values in a grid, or name another design",
                     key=f"keys.{axis.key}",
                 )
+        if (size := math.prod(len(axis.values) for axis in axes)) > MOST_TRIALS:
+            raise BadInputError(f"the grid has {size} points: must be at most {MOST_TRIALS}", key="keys")
         points = np.array(list(itertools.product(*(range(len(axis.values)) for axis in axes))), dtype=float)
         kept = points[_meeting(points, axes, conditions)]
         if not len(kept):

@@ -8,17 +8,18 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, invalid, show, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.fields import Config, key
-from forcectl.framework.yaml_tree import Tagged, parse, place, plain
+from forcectl.framework.yaml_tree import Tagged, Tree, equal, parse, place, plain
 from forcectl.runs.run import overlap
 from forcectl.scenario.catalog import ScenarioFile, experiments_folder, list_experiments
-from forcectl.scenario.scenario import as_file
+from forcectl.scenario.scenario import LONGEST_NAME, as_file
 from forcectl.scenario.schema import ScenarioReader
 
 DESIGNS = ("grid", "random", "latin_hypercube", "sobol", "saltelli")
 KEEP = ("none", "failed", "all")
+MOST_SEEDS = 1_000_000  # of a point
 
 
 @dataclass(kw_only=True)
@@ -55,7 +56,7 @@ class ShareOverConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        Expression(self.condition, "condition")
+        Expression(self.condition, "condition").check_condition()
 
 
 @dataclass(kw_only=True)
@@ -101,18 +102,37 @@ class SweepConfig(Config):
             raise BadInputError(" is missing: `repeat` needs a condition to count", key="success")
         if self.repeat is not None and self.seeds is not None:
             raise invalid("seeds", self.seeds, "left out: `repeat` chooses them")
+        for kind, named in (("arms", self.arms), ("cases", self.cases), ("findings", self.findings)):
+            for name in named:
+                if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
+                    raise BadInputError(
+                        f"the name {show(name)} must be 1 to {LONGEST_NAME} printable characters", key=kind
+                    )
         for kind, named in (("arms", self.arms), ("cases", self.cases)):
+            seen: dict[str, Tree] = {}
             for name, values in named.items():
                 if not isinstance(values, Mapping):
                     raise invalid(f"{kind}.{name}", values, "a mapping of scenario keys to values")
+                if same := next((other for other, tree in seen.items() if equal(tree, plain(values))), ""):
+                    raise invalid(f"{kind}.{name}", values, f"other values than those of {kind}.{same}")
+                seen[name] = plain(values)
+        for kind, names in (("compare", self.compare), ("shown", self.shown), ("envelope", self.envelope)):
+            for i, name in enumerate(names):
+                if name in names[:i]:
+                    raise invalid(f"{kind}.{i}", name, "another one than those before it")
+        if len(self.compare) == 1:
+            raise invalid("compare", self.compare, "at least two arms")
         for i, name in enumerate(self.compare):
             if name not in self.arms:
                 raise unknown("arm", name, self.arms).at(f"compare.{i}")
         self._check_overlaps()
         self.seed_list()
-        for where, text in {"success": self.success, **{f"findings.{n}": t for n, t in self.findings.items()}}.items():
-            if text:
-                Expression(text, where)
+        for name, text in self.findings.items():
+            Expression(text, f"findings.{name}").check_condition()
+        for i, text in enumerate(self.constraints):
+            Expression(text, f"constraints.{i}").check_condition()
+        if self.success:
+            Expression(self.success, "success").check_condition()
 
     def _check_overlaps(self) -> None:
         """One key set in two places would make trials that differ in name only."""
@@ -133,6 +153,8 @@ class SweepConfig(Config):
         """The seeds that each point is run with; None: one, chosen by the design."""
         if self.seeds is None:
             return None
+        if isinstance(self.seeds, int) and self.seeds > MOST_SEEDS:
+            raise invalid("seeds", self.seeds, f"at most {MOST_SEEDS}")
         found = list(range(self.seeds)) if isinstance(self.seeds, int) else self.seeds
         whole = isinstance(found, list) and all(type(seed) is int and 0 <= seed < 2**63 for seed in found)
         if not whole or not found or len(set(found)) != len(found) or isinstance(self.seeds, bool):

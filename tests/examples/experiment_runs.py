@@ -22,7 +22,7 @@ from forcectl.runs.simulate import FOUND, VariantOutcome, simulate
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.expectations import Verdict
 from forcectl.scenario.gains import identifications, text_of
-from forcectl.scenario.scenario import Scenario, build, experiment, resolve, select_variants, with_shortcuts
+from forcectl.scenario.scenario import Scenario, build, resolve, select_variants, with_shortcuts
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def simulated(scenario: Scenario, name: str) -> VariantOutcome:
     with path.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # another process that wants the same run waits for it
         if not path.exists():
-            for one in identifications(scenario, experiment):
+            for one in identifications(scenario, scenario.experiment):
                 FOUND[text_of(one.scenario)] = simulated(one.scenario, one.experiment).metrics
             done = simulate(scenario, build(scenario), "default")
             assert done.failure is None, f"{name}: {done.failure}"

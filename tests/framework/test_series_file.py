@@ -30,6 +30,8 @@ def test_columns_come_in_any_order_with_others_between(tmp_path):
         ("s,v\n0,0\n1,x\n", "line 3: s = '1', v = 'x': must be finite numbers"),
         ("s,v\n0,inf\n1,1\n", "line 2"),
         ("s,v\n0,0\n1\n", "line 3: s = '1', v = None"),
+        ("s,v,s\n0,0,0\n1,1,1\n", "has the column 's' twice: must have it once"),
+        ("s,v\n0,0\n1,1,7\n", "line 3 has more: must have 2 columns, as in its first line"),
         ("s,v\n0,0\n0,1\n", "line 3: s = 0: must be above the last one"),
     ],
 )

@@ -151,7 +151,7 @@ PROBLEMS = [
     ('<mass value="2"/>', '<mass value="-2"/>', "link 'base': mass = -2 kg: must not be negative"),
     ('<mass value="2"/>', '<mass value="nan"/>', "mass value = 'nan': must be a number up to 1e+09"),
     ('<mass value="2"/>', '<mass value="1e308"/>', "mass value = '1e308': must be a number up to 1e+09"),
-    ('<mass value="2"/>', '<mass value="0"/>', "link 'upper_arm': mass = 0 kg: must be from 1e-09 to 1e+06 kg"),
+    ('<mass value="2"/>', '<mass value="0"/>', "link 'upper_arm': mass = 0 kg: must be from 1e-09 to 10000 kg"),
     ('ixx="0.001" iyy="0.03" izz="0.03"', 'ixx="0"', "inertia is zero: must be above zero in a link that moves"),
     (
         'ixx="0.001"',
@@ -161,6 +161,12 @@ PROBLEMS = [
     ('ixy="0"', 'ixy="0.3"', "must be not negative, and the largest at most the sum of the others"),
     ('ixx="0.001"', 'ixx="-0.001"', "inertia -0.001, 0.03, 0.03 kg m2: must not be negative"),
     ('lower="-3" upper="3"', 'lower="3" upper="-3"', "limit from 3 to -3: lower must not be above upper"),
+    ('lower="-3"', 'lower="-1e9"', "lower = -1e+09: must be at most 10000 in size, or inf for none"),
+    ('effort="50"', 'effort="1e12"', "effort = 1e+12: must be at most 1e+06 in size, or inf for none"),
+    ('velocity="2"', 'velocity="1e9"', "velocity = 1e+09: must be at most 1000 in size, or inf for none"),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><dynamics damping="-1"/>', "damping = -1: must be from 0 to 1e+06"),
+    ('<origin xyz="0.2 0 0"/>', '<origin xyz="50 0 0"/>', "centre of mass 50 m from its origin: must be at"),
+    ('ixx="0.001" iyy="0.03" izz="0.03"', 'ixx="1e9" iyy="1e9" izz="1e9"', "must be at most mass x (10 m)^2 = 200"),
     ('effort="50"', 'effort="-50"', "effort = -50: must not be negative"),
     ('type="revolute"', 'type="banana"', "type = 'banana': must be one of revolute, continuous, prismatic, fixed"),
     ('<child link="forearm"/>', '<child link="fourarm"/>', "child 'fourarm': there is no such link"),
@@ -180,6 +186,24 @@ def test_a_problem_is_told_in_words(tmp_path, old, new, message):
     with pytest.raises(BadInputError, match=r"planar\.urdf: cannot be read: ") as caught:
         RobotModel.load(tmp_path, None)
     assert "\n" not in str(caught.value)
+
+
+def test_a_link_that_moves_has_a_mass_or_one_is_fixed_to_it(tmp_path):
+    file = write_planar_robot(tmp_path) / "planar.urdf"
+    text, begin = file.read_text(), file.read_text().index('<link name="forearm">')
+    first, last = text.index("<inertial>", begin), text.index("</inertial>", begin) + len("</inertial>")
+    file.write_text(text[:first] + text[last:])
+    with pytest.raises(BadInputError, match=r"link 'forearm': mass = 0 kg: must be above zero in a link that moves"):
+        RobotModel.load(tmp_path, None)
+
+
+def test_a_tool_is_no_heavier_than_a_robot_can_carry(tmp_path):
+    (tmp_path / "anvil.tool.yaml").write_text("model: anvil.urdf\nmount_frame: anvil\ntcp_frame: anvil\n")
+    inertia = '<inertia ixx="100" iyy="100" izz="100" ixy="0" ixz="0" iyz="0"/>'
+    link = f'<link name="anvil"><inertial><mass value="1e4"/>{inertia}</inertial></link>'
+    (tmp_path / "anvil.urdf").write_text(f'<robot name="anvil">{link}</robot>')
+    with pytest.raises(BadInputError, match=r"tool 'anvil': mass = 10000 kg: must be at most 2000 kg"):
+        RobotModel.load("comau_smart_six", tmp_path)
 
 
 def test_all_problems_are_told_at_once_with_their_lines(tmp_path):

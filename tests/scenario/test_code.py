@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import pytest
 
 import forcectl as fc
 from forcectl.errors import BadInputError
 from forcectl.framework.yaml_tree import parse
+from forcectl.scenario.catalog import ScenarioFile, find_scenario
 from forcectl.scenario.code import code_in
+from forcectl.scenario.gains import identifications
 from forcectl.scenario.scenario import load_scenario
 
 EVIL = 'from pathlib import Path\nPath(__file__).with_name("ran").touch()\nclass Law:\n    add_to = None.__init__\n'
@@ -39,6 +42,10 @@ WAYS = [
     "controller: !Import {path: 'evil_lab'}",
     "controller: '!Import'",
     "model: {robot_compliance: !Import {path: 'evil_lab:Law'}}",
+    "controller: !Vrft {gains_from: ../lab/other.yaml}",
+    "controller: !Governed {law: !Vrft {gains_from: ../lab/another.yaml}}",
+    "controller: !Import {path: 'own_lab:Law', parameters: {gains_from: ../lab/other.yaml}}",
+    "variants: {a: {}, b: {controller: !Vrft {gains_from: ../lab/other.yaml}}}",
 ]
 
 
@@ -48,6 +55,8 @@ def folder(tmp_path, monkeypatch):
     for name in ("lab", "mine"):
         (tmp_path / name).mkdir()
     (tmp_path / "lab" / "evil_lab.py").write_text(EVIL)
+    (tmp_path / "lab" / "other.yaml").write_text(f"controller: {IMPORT}\n")
+    (tmp_path / "lab" / "another.yaml").write_text("controller: !Vrft {gains_from: other.yaml}\n")
     (tmp_path / "mine" / "own_lab.py").write_text(EVIL)
     monkeypatch.syspath_prepend(str(tmp_path / "lab"))
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
@@ -95,7 +104,42 @@ def test_a_module_is_allowed_by_keyword_option_or_settings(folder, monkeypatch, 
 def test_code_is_read_off_the_text(monkeypatch):
     monkeypatch.setattr("forcectl.scenario.code.announced", lambda slot: {"Own": "lab:Own"} if slot == "load" else {})
     tree = parse("{controller: !Import {path: 'a:B'}, station: {loads: [!Own {}, '!Load']}, title: '!Own of x'}", "t")
-    assert code_in(tree) == {"controller": "a:B", "station.loads.0": "lab:Own"}
+    assert code_in(ScenarioFile("t", "t", tree, Path.cwd())) == {"controller": "a:B", "station.loads.0": "lab:Own"}
+
+
+def test_an_experiment_that_finds_gains_may_name_what_the_scenario_may(folder, forcectl):
+    law = "from forcectl.force.vrft.experiment import RecursiveVrftConfig\nclass Law(RecursiveVrftConfig):\n    pass\n"
+    (folder / "mine" / "own_lab.py").write_text(law)
+    (folder / "mine" / "find.yaml").write_text("controller: !Import {path: 'own_lab:Law'}\n")
+    file = folder / "mine" / "own.yaml"
+    file.write_text("controller: !Vrft {gains_from: find.yaml}\nstation: {fidelity: OneDimensional}\n")
+    scenario = load_scenario(file)
+    (one,) = identifications(scenario, scenario.experiment)
+    assert type(one.scenario.controller).__name__ == "Law"
+    assert identifications(load_scenario(scenario), load_scenario(scenario).experiment) == [one]
+    assert code_in(find_scenario(file)) == {"controller.gains_from: find.yaml: controller": "own_lab:Law"}
+    assert (
+        "runs code that is not forcectl's own: own_lab:Law (controller.gains_from: find.yaml: controller)"
+        in (forcectl("check", file)[1])
+    )
+
+
+@pytest.mark.parametrize(("body", "text"), [
+    ("pass", "has no attribute 'gain_scale'"),
+    ("def gain_scale(self, bandwidth): raise SystemExit(3)", "SystemExit: 3"),
+    ("def gain_scale(self, bandwidth): return 'much'", "ValueError: could not convert string to float"),
+    ("finds_gains = 3", "finds no gains"),
+])  # fmt: skip
+def test_an_experiment_whose_controller_is_unfit_to_find_gains(folder, body, text):
+    law = f"class Law:\n    finds_gains = ('integral_gain',)\n    def add_to(self): ...\n    {body}\n"
+    (folder / "mine" / "own_lab.py").write_text(law)
+    (folder / "mine" / "find.yaml").write_text("controller: !Import {path: 'own_lab:Law'}\n")
+    file = folder / "mine" / "own.yaml"
+    file.write_text("controller: !Vrft {gains_from: find.yaml}\n")
+    with pytest.raises(BadInputError, match=r"^own\.yaml:1: controller\.gains_from = '.*find\.yaml': ") as caught:
+        load_scenario(file)
+    assert text in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_class_for_a_slot_without_methods_has_fields_or_add_to(folder):

@@ -106,7 +106,7 @@ def test_a_value_drifts_from_the_expected_one_beyond_its_share(expected, drift, 
 
 
 def test_drift_and_the_verdict_are_two_things():
-    v = verdict(metric="overshoot_pct", variant="a", maximum=3.0, expected=4.0)
+    v = verdict(metric="overshoot_pct", variant="a", published=1.0, tolerance=Tolerance(absolute=1.0), expected=4.0)
     assert (v.passed, v.drifted) == (False, False)
 
 

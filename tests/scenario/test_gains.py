@@ -9,7 +9,7 @@ from forcectl.errors import BadInputError
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.per_arm import PerArmConfig
 from forcectl.scenario.gains import FoundGains, asks_for_gains, gains_lines, identifications, text_of, with_gains
-from forcectl.scenario.scenario import experiment, load_scenario
+from forcectl.scenario.scenario import load_scenario
 
 VALUES = {"proportional_gain": -1e-5, "integral_gain": -2e-5, "derivative_gain": 0.0}
 
@@ -21,7 +21,7 @@ def asking(**changes):
 def test_the_experiment_runs_on_the_station_the_model_and_the_seed_of_the_run():
     changes = {"station.environment.stiffness": 7e4, "model.robot_compliance": 1.1, "station.fidelity": "Kinematic"}
     scenario = asking(seed=5, **changes)
-    (one,) = identifications(scenario, experiment)
+    (one,) = identifications(scenario, scenario.experiment)
     own = load_scenario("fig_4_8")
     for part in ("station", "model", "seed"):
         assert getattr(one.scenario, part) == getattr(scenario, part)
@@ -33,7 +33,7 @@ def test_the_experiment_runs_on_the_station_the_model_and_the_seed_of_the_run():
 
 def test_a_law_within_another_and_one_for_another_bandwidth():
     scenario = load_scenario("fig_4_14", "plastic, governed", {"controller.law.reference_bandwidth": 3.0})
-    (one,) = identifications(scenario, experiment)
+    (one,) = identifications(scenario, scenario.experiment)
     assert (one.key, one.scale) == ("controller.law", 2.0)
     tuned = with_gains(scenario, [FoundGains(one.key, one.experiment, VALUES)])
     assert [getattr(tuned.controller.law, name) for name in VALUES] == list(VALUES.values())
@@ -54,7 +54,7 @@ def test_each_of_several_laws_gets_its_own():
 
 def test_a_variant_of_the_experiment_is_named():
     scenario = load_scenario("vrft_motor", "plastic")
-    (one,) = identifications(scenario, experiment)
+    (one,) = identifications(scenario, scenario.experiment)
     assert one.scenario.controller.input == "motor"
     assert one.experiment == "fig_4_8_motor (motor positions)"
 

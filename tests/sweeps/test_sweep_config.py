@@ -38,6 +38,19 @@ START = 'scenario: fig_2_7\nvariant: "K_I = 1.5 1/s"\noverrides: {station.fideli
             START + "success: a > 1\nrepeat: {half_width: 2}",
             "sweep.yaml:5: repeat.half_width = 2.0: must be above 0 and at most 0.5",
         ),
+        (START + "seeds: 3000000000", "sweep.yaml:4: seeds = 3000000000: must be at most 1000000"),
+        (START + "success: '1 > 0'", "sweep.yaml:4: success = '1 > 0': must be a comparison of a name, such as"),
+        (START + "success: overshoot_pct", "sweep.yaml:4: success = 'overshoot_pct': must be a comparison of a name"),
+        (START + "success: a > 1 and b", "sweep.yaml:4: success = 'a > 1 and b': 'b': must be a comparison of a name"),
+        (START + "findings: {a: ''}", "sweep.yaml:4: findings.a = '': must be an expression"),
+        (START + "findings: {'': a > 1}", "sweep.yaml:4: findings: the name '' must be 1 to 200 printable characters"),
+        (START + "arms: {'': {duration: 1}}", "sweep.yaml:4: arms: the name '' must be 1 to 200 printable characters"),
+        (START + "arms:\n  a: {seed: 1}\n  b: {seed: 1}", "sweep.yaml:6: arms.b = {'seed': 1}: must be other values"),
+        (START + "arms: {a: {}, b: {}}\n", "sweep.yaml:4: arms.b = {}: must be other values than those of arms.a"),
+        (START + "arms: {a: {}}\ncompare: [a, a]", "sweep.yaml:5: compare.1 = 'a': must be another one than those"),
+        (START + "arms: {a: {}}\ncompare: [a]", "sweep.yaml:5: compare = ['a']: must be at least two arms"),
+        (START + "shown: [peak_force_N, peak_force_N]", "sweep.yaml:4: shown.1 = 'peak_force_N': must be another one"),
+        (START + "envelope: [a, a]", "sweep.yaml:4: envelope.1 = 'a': must be another one than those before it"),
         (START + "arms: {a: 3}", "sweep.yaml:4: arms.a = 3: must be a mapping of scenario keys to values"),
         (
             START + "keys: {duration: [1, 2]}\narms:\n  a: {duration: 3}",
@@ -91,3 +104,9 @@ def test_a_sweep_that_does_not_exist_is_told(tmp_path):
         BadInputError, match=r"'frist_sweep' does not exist: must be a YAML file or one of: .*first_sweep"
     ):
         read_sweep("frist_sweep")
+
+
+def test_a_grid_of_too_many_points_is_refused_before_it_is_made():
+    keys = {f"station.{name}": list(range(1, 5001)) for name in ("time_step", "period", "posture_period")}
+    with pytest.raises(BadInputError, match="the grid has 125000000000 points: must be at most 10000000"):
+        study_of(read_sweep({"scenario": "fig_2_7", "variant": "K_I = 3 1/s", "keys": keys}))

@@ -37,30 +37,32 @@ class GuardConfig(Config):
         None, "true force, with the sensor's lag; null: 0.9 of the sensor's range", unit="N", bounds="positive"
     )
     reaction_time: float = key(
-        0.08, "by which a force that rises to maximum_force is looked at ahead", unit="s", bounds="not negative"
+        0.08, "by which a force that rises to maximum_force is looked at ahead", unit="s", bounds="from 0 to 1"
     )
     maximum_speed: float = key(
         25.0, "of the displacement command of a force law, derivative kicks and all", unit="m/s", bounds="positive"
     )
-    joint_speed: float = key(5.0, "of joint commands, in limits of the joints", bounds="positive")
+    joint_speed: float = key(5.0, "of joint commands, in limits of the joints", bounds="from 0.01 to 1000")
     slow_speed: float = key(
-        0.02, "into the surface, at which a command is caught up with", unit="m/s", bounds="positive"
+        0.02, "into the surface, at which a command is caught up with", unit="m/s", bounds="from 1e-06 to 1"
     )
-    frozen_time: float = key(0.1, "for which a sensor with noise may repeat itself", unit="s", bounds="positive")
+    frozen_time: float = key(0.1, "for which a sensor with noise may repeat itself", unit="s", bounds="from 0.01 to 10")
     least_response: float = key(
-        0.25, "of the force that the way into the surface is worth by the model; 0: any", bounds="not negative"
+        0.25, "of the force that the way into the surface is worth by the model; 0: any", bounds="from 0 to 1"
     )
     energy: float = key(
         2.0,
         "that goes into the surface within about 2 s, beyond the elastic one of maximum_force",
         unit="J",
-        bounds="positive",
+        bounds="from 0.001 to 1000",
     )
-    search_distance: float = key(0.01, "way beyond the last contact, to find it again", unit="m", bounds="positive")
-    patience: float = key(0.3, "for which a command is held before the retreat", unit="s", bounds="not negative")
-    retreat_distance: float = key(0.01, "along the normals", unit="m", bounds="positive")
-    retreat_speed: float = key(0.05, "of it", unit="m/s", bounds="positive")
-    retreats: int = key(3, "from the largest force, before the stop", bounds="not negative")
+    search_distance: float = key(
+        0.01, "way beyond the last contact, to find it again", unit="m", bounds="above 0 and at most 1"
+    )
+    patience: float = key(0.3, "for which a command is held before the retreat", unit="s", bounds="from 0 to 60")
+    retreat_distance: float = key(0.01, "along the normals", unit="m", bounds="from 0.0001 to 1")
+    retreat_speed: float = key(0.05, "of it", unit="m/s", bounds="from 0.001 to 2")
+    retreats: int = key(3, "from the largest force, before the stop", bounds="from 0 to 1000")
 
     def limits(self, model: PlantModel, index: int = 0) -> GuardLimits:
         """What the guard of a loop goes by.

@@ -239,10 +239,10 @@ class InvarianceLimits(Config, LawConfig):
     upper_acceleration: float | None = key(
         None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive", each=True
     )
-    compliance_error: float = key(1.0, "C_T_hat / C_T of the constraint", bounds="positive", each=True)
+    compliance_error: float = key(1.0, "C_T_hat / C_T of the constraint", bounds="from 0.001 to 1000", each=True)
     speed_limit: float = key(inf, "largest speed of the command", unit="m/s", bounds="above zero", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10", each=True)
 
     def block(self, kind: type[_Law], model: PlantModel, compliance: ArrayLike | None) -> _Law:
         """The block whose model has this total compliance [m/N], or a port for it (None)."""
@@ -272,5 +272,5 @@ class AdaptiveInvarianceConfig(AdaptivePlanConfig, InvarianceConfig, in_batches=
     """Scenario part `!AdaptiveInvariance`: the constraint with the compliance estimated on line. (3.56)"""
 
     compliance_error: float = key(
-        0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive", each=True
+        0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="from 0.001 to 1000", each=True
     )

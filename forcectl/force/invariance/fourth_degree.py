@@ -264,7 +264,7 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
     )
     damping_ratio: float = key(1.0, "of the same lag", bounds="positive", each=True)
     derivatives: str = key("difference", "where the derivatives of the force come from", choices=DERIVATIVES)
-    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive", each=True)
+    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
     acceleration_limit: float = key(
         0.1, "largest acceleration of the command", unit="m/s^2", bounds="positive", each=True
     )
@@ -276,8 +276,8 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
         each=True,
     )
     rest_region: float = key(0.3, "force error within which the law rests", unit="N", bounds="not negative", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10", each=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -309,5 +309,5 @@ class AdaptiveFourthDegreeInvarianceConfig(AdaptiveLawConfig, FourthDegreeInvari
     """Scenario part `!AdaptiveFourthDegreeInvariance`: the same with the compliance estimated on line. (Fig. 3.10)"""
 
     compliance_error: float = key(
-        2 / 3, "initial C_E_hat / C_E; 1/1.5 = stiffness 50 % too high", bounds="positive", each=True
+        2 / 3, "initial C_E_hat / C_E; 1/1.5 = stiffness 50 % too high", bounds="from 0.001 to 1000", each=True
     )

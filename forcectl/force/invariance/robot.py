@@ -104,7 +104,7 @@ class InvarianceRobotConfig(Config):
 
     gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
     upper_acceleration: float | None = key(None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive")
-    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive")
+    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000")
     adaptation: Adaptation | None = key(None, "of the environment's compliance; null: it is known")
     nominal_gain: float | None = key(None, "K_I of a law to be corrected; null: none", unit="1/s", bounds="positive")
     metric: str = key("task", "accelerations in which the correction of that law is small", choices=METRICS)

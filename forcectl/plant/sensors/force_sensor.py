@@ -10,6 +10,7 @@ exact for forces that are linear between ticks and, unlike a zero-order hold, ad
 from __future__ import annotations
 
 import builtins
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
@@ -297,7 +298,7 @@ class ForceSensor(Diagram):
 class ForceSensorConfig(Config, in_batches=True):
     """Parameters of a force sensor. Force values; torque channels use the same numbers times `torque_ratio`."""
 
-    bandwidth: float = key(12.6, "w of the filter", unit="rad/s", bounds="positive")
+    bandwidth: float = key(12.6, "w of the filter", unit="rad/s", bounds="from 0.1 to 1e+06")
     damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="positive")
     noise_std: float = key(
         0.05, "standard deviation per sample, before the filter", unit="N", bounds="not negative", each=True
@@ -311,6 +312,14 @@ class ForceSensorConfig(Config, in_batches=True):
     )
     range: float = key(400.0, "largest force that can be read", unit="N", bounds="positive or infinite", each=True)
     torque_ratio: float = key(0.05, "torque noise, quantum and range relative to force", unit="m", bounds="positive")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        shares = {"noise_std": (0.1, ""), "quantum": (0.1, ""), "bias": (0.5, ""), "drift": (0.1, " in 1 s")}
+        for name, (share, per) in shares.items():
+            if math.isfinite(self.range) and abs(getattr(self, name)) > share * self.range:
+                allowed = f"at most {share:g} of range = {self.range:g} N{per}"
+                raise invalid(name, getattr(self, name), allowed)
 
     def force_lag(self) -> tuple[float, float, float]:
         """Lag of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]."""

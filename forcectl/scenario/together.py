@@ -1,0 +1,153 @@
+"""What the parts of a scenario must be together, beside what each must be by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from forcectl.errors import invalid, unknown
+from forcectl.framework.fields import Config
+from forcectl.framework.reader import join
+from forcectl.scenario.catalog import tags_of
+
+if TYPE_CHECKING:
+    from forcectl.diagrams.loop import Loop
+    from forcectl.scenario.scenario import Scenario
+
+_STARTS = ("start", "start_time", "tare_start", "times")  # keys that hold when something begins [s]
+_TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
+_USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
+_PARALLEL = 1e-3  # sine of the angle
+
+
+def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
+    """Refuse a scenario whose parts do not go together; nothing is built.
+
+    Args:
+        scenario: as read.
+        overrides: that it was read with, by dotted key. A run that one of them cuts short may end before something that
+            the file has in it begins.
+
+    Raises:
+        BadInputError: about the key that is wrong.
+    """
+    for key, start in _starts(scenario):
+        if start > 0 and start >= scenario.duration and ("duration" not in overrides or _forced(key, overrides)):
+            raise invalid(key, start, f"below duration = {scenario.duration:g} s")
+    period = scenario.station.period
+    if period is not None and scenario.duration < period:
+        raise invalid("duration", scenario.duration, f"at least station.period = {period:g} s")
+    _check_directions(scenario)
+    _check_expectations(scenario)
+
+
+def check_built(scenario: Scenario, loop: Loop) -> None:
+    """Refuse a scenario that does not go together with what it makes.
+
+    Args:
+        scenario: as read.
+        loop: its loop.
+
+    Raises:
+        BadInputError: about the key that is wrong.
+    """
+    if scenario.duration < loop.workcell.period:
+        raise invalid("duration", scenario.duration, f"at least a control tick, {loop.workcell.period:g} s")
+    if "desired_force" in loop.signals:
+        _check_forces(scenario)
+    for i, name in enumerate(scenario.log):
+        if name in scenario.log[:i]:
+            raise invalid(f"log.{i}", name, "another one than those before it")
+        if name in loop.signals:
+            raise invalid(f"log.{i}", name, "left out: it is logged anyway")
+
+
+def _check_forces(scenario: Scenario) -> None:
+    """Forces of a scenario whose controller takes a desired force."""
+    ranges = [sensor.range for sensor in scenario.station.sensors.values() if hasattr(sensor, "range")]
+    limit, largest = min(ranges, default=np.inf), scenario.reference.largest_force()
+    first = getattr(scenario.reference, "initial_force", 0.0)
+    if first > limit:
+        raise invalid("reference.initial_force", first, f"at most the sensor's range, {limit:g} N")
+    dead_zone = getattr(scenario.controller, "dead_zone", 0.0)
+    if dead_zone and dead_zone >= largest:
+        raise invalid("controller.dead_zone", dead_zone, f"below the largest desired force, {largest:g} N")
+    maximum = None if scenario.guard is None else scenario.guard.maximum_force
+    if maximum is not None and not largest < maximum <= limit:
+        allowed = f"above the largest desired force, {largest:g} N, and at most the sensor's range, {limit:g} N"
+        raise invalid("guard.maximum_force", maximum, allowed)
+
+
+def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
+    """Dotted keys of when something begins, and that time [s]."""
+    for name in _TIMED:
+        for key, part in _configs(getattr(scenario, name), name):
+            for each in _STARTS:
+                start = getattr(part, each, None)
+                if isinstance(start, list) and start and each == "times":
+                    yield f"{key}.{each}.0", float(start[0])
+                elif isinstance(start, int | float):
+                    yield join(key, each), float(start)
+
+
+def _configs(part: Any, key: str) -> Iterator[tuple[str, Config]]:
+    """A configuration and every one within it, by dotted key."""
+    inner: Mapping[Any, Any] = {}
+    if isinstance(part, Config):
+        yield key, part
+        inner = {field.name: getattr(part, field.name) for field in fields(part)}  # type: ignore[arg-type]
+    elif isinstance(part, Mapping):
+        inner = part
+    elif isinstance(part, list | tuple):
+        inner = dict(enumerate(part))
+    for name, each in inner.items():
+        yield from _configs(each, join(key, name))
+
+
+def _forced(key: str, overrides: Mapping[str, Any]) -> bool:
+    """Whether an override sets a key, or a part around it."""
+    return any(f"{key}.".startswith(f"{one}.") for one in overrides)
+
+
+def _check_directions(scenario: Scenario) -> None:
+    """No path goes along the normal of the surface that it is on."""
+    normals = {}
+    for key, part in _configs(scenario.station.environment, "station.environment"):
+        if hasattr(part, "normal"):
+            normals[key] = part.normal or scenario.station.normal
+        surface: Any = getattr(part, "surface", None)
+        if key in normals and hasattr(surface, "direction"):
+            used = bool(surface.heights or surface.slope)
+            _check_across(f"{key}.surface.direction", surface.direction, normals[key], used)
+    if hasattr(scenario.motion, "direction") and len(normals) < 2:
+        normal = next(iter(normals.values()), scenario.station.normal)
+        used = scenario.motion.interval() is not None
+        _check_across("motion.direction", scenario.motion.direction, normal, used)
+
+
+def _check_across(key: str, direction: Sequence[float], normal: Sequence[float], used: bool) -> None:
+    d, n = np.asarray(direction, dtype=float), np.asarray(normal, dtype=float)
+    across = np.linalg.norm(np.cross(d, n))
+    if (used or d.tolist() != _USUAL) and across <= _PARALLEL * np.linalg.norm(d) * np.linalg.norm(n):
+        raise invalid(key, direction, f"across the normal {n.tolist()}, not along it")
+
+
+def _check_expectations(scenario: Scenario) -> None:
+    """Lines have names of their own and speak of fidelities that there are."""
+    for i, name in enumerate(scenario.fidelities):
+        if name in scenario.fidelities[:i]:
+            raise invalid(f"fidelities.{i}", name, "another one than those before it")
+    targets: set[str] = set()
+    for i, line in enumerate(scenario.expect):
+        if line.target in targets:
+            raise invalid(f"expect.{i}.target", line.target, "another one than those before it")
+        targets.add(line.target)
+        expected = line.expected if isinstance(line.expected, dict) else {}
+        for key, names in (("expected", expected), ("fidelities", line.fidelities), ("gaps", line.gaps)):
+            for name in names:
+                known = (*tags_of("fidelity"), scenario.fidelity)  # the latter may be the path of a user's class
+                if name not in known:
+                    raise unknown("fidelity", name, tags_of("fidelity")).at(f"expect.{i}.{key}")

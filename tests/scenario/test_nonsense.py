@@ -1,0 +1,134 @@
+"""What makes no sense is refused in one line with file, line, key, value and what is allowed."""
+
+from __future__ import annotations
+
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.scenario.scenario import build, load_scenario
+
+LINE = "{target: t, metric: peak_force_N, maximum: 20, "
+# Text of a scenario; how the message goes on after the file. A line with `build` is only seen when the loop is built.
+REFUSED = [
+    # tags where there is no choice
+    ("station: !Bar {}", "station = '!Bar': must be without a tag"),
+    ("guard: !Foo {}", "guard = '!Foo': must be without a tag"),
+    ("model: !Foo {}", "model = '!Foo': must be without a tag"),
+    ("findings: !Foo {}", "findings = '!Foo': must be without a tag"),
+    ("station: {environment: !Surface {surface: !Foo {}}}", "station.environment.surface = '!Foo': must be without"),
+    ("station: {faults: [!Foo {}]}", "station.faults.0: unknown tag '!Foo'"),
+    ("expect: [!Foo {target: t}]", "expect.0 = '!Foo': must be without a tag"),
+    ("estimators: !Foo {}", "estimators = !Foo: must be a mapping of names to parts"),
+    # sensors
+    ("station: {sensors: {force: {noise_std: 300}}}", "force.noise_std = 300.0: must be at most 0.1 of range = 400 N"),
+    ("station: {sensors: {force: {quantum: 1e5}}}", "force.quantum = 100000.0: must be at most 0.1 of range = 400 N"),
+    ("station: {sensors: {force: {bias: -250}}}", "force.bias = -250.0: must be at most 0.5 of range = 400 N"),
+    ("station: {sensors: {force: {drift: 1e6}}}", "force.drift = 1000000.0: must be at most 0.1 of range = 400 N in 1"),
+    ("station: {sensors: {force: {bandwidth: 1e-6}}}", "force.bandwidth = 1e-06: must be from 0.1 to 1e+06"),
+    ("station: {sensors: {force: {range: -1}}}", "force.range = -1.0: must be positive or infinite"),
+    ("station: {sensors: {force: {delay: 99}}}", "force.delay = 99.0: must be not negative, at most 1"),
+    ("station: {sensors: {'': !WristForce {}}}", "station.sensors: the name '' must be 1 to 100 printable"),
+    ("station: {sensors: {\"a\\nb\": !WristForce {}}}", "station.sensors: the name 'a\\nb' must be 1 to 100 printable"),
+    # times
+    ("duration: 2\nreference: !Step {start_time: 3}", "reference.start_time = 3.0: must be below duration = 2 s"),
+    ("duration: 2\nreference: !Sequence {times: [2, 3], forces: [1, 2]}", "reference.times.0 = 2.0: must be below"),
+    ("duration: 2\nmotion: {start_time: 2}", "motion.start_time = 2.0: must be below duration = 2 s"),
+    ("duration: 2\nstation: {faults: [!ReadingFault {start: 9}]}", "station.faults.0.start = 9.0: must be below"),
+    ("duration: 2\nstation: {sensors: {force: {faults: [{start: 9}]}}}", "station.sensors.force.faults.0.start = 9.0"),
+    ("duration: 2\nstation: {loads: [!Load {start: 9, wrenches: [[0, 0, 0, 1, 0, 0]]}]}", "station.loads.0.start = 9."),
+    ("duration: 2\nstation: {environment: {surface: {moves: [{start: 9}]}}}", "environment.surface.moves.0.start = 9."),
+    ("duration: 0.001\nstation: {period: 0.002}", "duration = 0.001: must be at least station.period = 0.002 s"),
+    ("duration: 0.0001", "build", "duration = 0.0001: must be at least a control tick, 0.002 s"),
+    ("duration: .inf", "duration = inf: must be a finite number"),
+    ("duration: true", "duration = True: must be a number"),
+    ("duration: '5'", "duration = '5': must be a number"),
+    # the guard
+    ("guard: {maximum_force: 5}", "build", "guard.maximum_force = 5.0: must be above the largest desired force, 15 N"),
+    ("guard: {maximum_force: 1e5}", "build", "guard.maximum_force = 100000.0: must be above the largest desired force"),
+    ("guard: {reaction_time: 1e5}", "guard.reaction_time = 100000.0: must be from 0 to 1"),
+    ("guard: {patience: 1e5}", "guard.patience = 100000.0: must be from 0 to 60"),
+    ("guard: {frozen_time: 1e-6}", "guard.frozen_time = 1e-06: must be from 0.01 to 10"),
+    ("guard: {frozen_time: 1e5}", "guard.frozen_time = 100000.0: must be from 0.01 to 10"),
+    ("guard: {retreat_distance: 50}", "guard.retreat_distance = 50.0: must be from 0.0001 to 1"),
+    ("guard: {retreat_speed: 50}", "guard.retreat_speed = 50.0: must be from 0.001 to 2"),
+    ("guard: {retreats: 1e12}", "guard.retreats = 1000000000000: must be a whole number from 0 to 1000"),
+    # forces
+    ("reference: {initial_force: 9e4, start_time: 1}", "build", "reference"),
+    ("reference: {initial_force: 9e4}", "build", "reference.initial_force = 90000.0: must be at most the sensor's ran"),
+    ("controller: {dead_zone: 20}", "build", "controller.dead_zone = 20.0: must be below the largest desired force, 1"),
+    ("reference: {force: -1}", "reference.force = -1.0: must be not negative"),
+    ("reference: {force: .nan}", "reference.force = nan: must be a finite number"),
+    ("reference: !Sine {force: 5, amplitude: 6}", "reference.amplitude = 6.0: must be at most force = 5"),
+    # directions
+    ("station: {environment: {surface: {direction: [0, 0, 1]}}}", "environment.surface.direction = [0.0, 0.0, 1.0]"),
+    ("station: {normal: [1, 0, 0], environment: {surface: {slope: 0.1}}}", "surface.direction = [1.0, 0.0, 0.0]: must"),
+    ("motion: {direction: [0, 0, 2]}", "motion.direction = [0.0, 0.0, 2.0]: must be across the normal [0.0, 0.0, 1.0]"),
+    ("station: {normal: [0, 0, 0]}", "station.normal = [0.0, 0.0, 0.0]: must be not all zero"),
+    ("station: {normal: [0, 1]}", "station.normal = [0.0, 1.0]: must be three numbers"),
+    # magnitudes
+    ("station: {environment: {stiffness: 1e-9}}", "environment.stiffness = 1e-09: must be positive, from 1 to 1"),
+    ("station: {environment: {stiffness: 1e10}}", "environment.stiffness = 10000000000.0: must be positive, from 1 to"),
+    ("station: {stiffness_scale: 1e-6}", "station.stiffness_scale = 1e-06: must be from 0.001 to 1000"),
+    ("station: {stiffness_scale: 1e6}", "station.stiffness_scale = 1000000.0: must be from 0.001 to 1000"),
+    ("station: {drive: {servo: {coulomb_friction: 1e6}}}", "coulomb_friction = 1000000.0: must be from 0 to 1000"),
+    ("model: {payload: 1e6}", "model.payload = 1000000.0: must be not negative, at most 2000 kg"),
+    ("model: {environment_compliance: 1e-9}", "model.environment_compliance = 1e-09: must be from 0.001 to 1000"),
+    ("controller: {compliance_error: 1e-15}", "controller.compliance_error = 1e-15: must be from 0.001 to 1000"),
+    ("controller: {lower_limit: -1000}", "controller.lower_limit = -1000.0: must be at least -10, below zero"),
+    ("controller: {upper_limit: -0.1}", "controller.upper_limit = -0.1: must be above zero, at most 10"),
+    ("controller: {integral_gain: 1e6}", "controller.integral_gain = 1000000.0: must be from 0 to 10000"),
+    ("motion: {speed: 1000}", "motion.speed = 1000.0: must be above 0 and at most 10"),
+    ("motion: {distance: 500}", "motion.distance = 500.0: must be not negative, at most 100 m"),
+    # expectations
+    (f"expect: [{LINE}target: x}}]", "not valid YAML: key 'target' is written twice"),
+    ("expect: [{target: '', metric: peak_force_N, maximum: 20}]", "expect.0.target = '': must be printable characters"),
+    (f"expect: [{LINE}}}, {LINE}}}]", "expect.1.target = 't': must be another one than those before it"),
+    (f"expect: [{LINE}expected: 21}}]", "expect.0.expected = 21.0: must be from -inf to 20"),
+    (f"expect: [{LINE}expected: {{Kinematic: 21}}}}]", "expect.0.expected.Kinematic = 21.0: must be from -inf to 20"),
+    (f"expect: [{LINE}expected: {{Kinetic: 1}}}}]", "expect.0.expected: unknown fidelity 'Kinetic': did you mean"),
+    (f"expect: [{LINE}gaps: {{Kinetic: why}}}}]", "expect.0.gaps: unknown fidelity 'Kinetic': did you mean"),
+    (f"expect: [{LINE}fidelities: [Kinematic, Kinematic]}}]", "expect.0.fidelities.1 = 'Kinematic': must be another"),
+    (f"expect: [{LINE}minimum: 20, strict: true}}]", "expect.0.minimum = 20.0: must be below maximum = 20"),
+    (f"expect: [{LINE}minimum: 21}}]", "expect.0.minimum = 21.0: must be at most maximum = 20"),
+    ("fidelities: [Kinematic, Kinematic]", "fidelities.1 = 'Kinematic': must be another one than those before it"),
+    # names, types, text
+    ("seed: -1", "seed = -1: must be a whole number from 0"),
+    ("seed: 1.5", "seed = 1.5: must be a whole number"),
+    ("title: 5", "title = 5: must be text"),
+    ("durations: 5", "unknown key 'durations': did you mean 'duration'"),
+    ("station: {robot: [a]}", "station.robot = ['a']: must be text"),
+    ("variants: {'': {}}", "variants: the name '' must be 1 to 200 printable characters"),
+    (f"variants: {{{'a' * 300}: {{}}}}", "variants: the name 'aaaaaaaaaaaaaaaaaaaaa"),
+    ("_a: &a {<<: *a}\ncontroller: *a", "not valid YAML: a mapping is merged into itself (line 1, column 5)"),
+    ("_a: &a [*a]", "not usable: more than 100000 values, or an alias that holds itself"),
+    ("title: !!binary aGk=", "not valid YAML: could not determine a constructor for the tag"),
+    ("duration: !!bool maybe", "not valid YAML: 'maybe'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED, ids=lambda case: case[0])
+def test_nonsense_is_refused_in_one_line(tmp_path, case):
+    text, *when, message = case
+    file = tmp_path / "own.yaml"
+    file.write_text(f"{text}\n")
+    with pytest.raises(BadInputError) as caught:
+        build(file, fidelity="OneDimensional") if when else load_scenario(file)
+    assert str(caught.value).startswith("own.yaml:")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_run_may_be_cut_short_before_what_is_in_it_begins(tmp_path):
+    file = tmp_path / "own.yaml"
+    file.write_text("duration: 9\nreference: !Step {start_time: 3}\n")
+    assert load_scenario(file, overrides={"duration": 1.0}).duration == 1.0
+    with pytest.raises(BadInputError, match=r"^override: reference\.start_time = 2\.0: must be below duration = 1 s$"):
+        load_scenario(file, overrides={"duration": 1.0, "reference.start_time": 2.0})
+
+
+def test_a_long_list_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    file = tmp_path / "own.yaml"
+    file.write_text(f"_a: [{'1,' * 240_000}]\n")
+    monkeypatch.setattr("forcectl.framework.yaml_tree._Loader", None)
+    with pytest.raises(BadInputError, match=r"^own\.yaml: not usable: more than 100000 values$"):
+        load_scenario(file)
