@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 _LARGEST = 1e4  # [N] that a force can be where the range of a sensor is not known
 _MEASURED = 0.9  # of the range, up to which a force is still measured
 _PULL = 0.02  # of the range, below which the reading of a surface that cannot pull is implausible
+_LOSSES = 8  # of contact that are no hopping
 _DEEPER = 0.05  # of the range: what a live sensor shows of the way for it
 
 
@@ -67,7 +68,9 @@ class GuardConfig(Config):
             ahead=0.0 if self.maximum_force is None else self.reaction_time + model.sensor_delay,
             same=self.frozen_time / period if model.sensor_noise else math.inf,
             deeper=compliance * range_ * _DEEPER,
-            search=self.search_distance,
+            # A surface that pulls is never lost.
+            search=math.inf if model.pulls else self.search_distance,
+            losses=math.inf if model.pulls else _LOSSES,
             patience=max(self.patience / period, 1.0),
             retreats=self.retreats,
             retreat=self.retreat_distance,

@@ -36,7 +36,6 @@ _NEAR = 3  # ticks missed after which a reading that goes on as before counts at
 _TINY = 1e-9  # [m] of a distance
 FELT = 0.05  # of the desired force, below which a surface is not felt
 _MADE = 0.25  # of the desired force, above which a contact is made that can be lost
-LOSSES = 8  # of contact that are no hopping
 _RECOVERY = 0.1  # of a tick held, that a sound tick makes up for
 _RELEASED = 0.8  # of the largest force, at which a retreat may end
 _CREEP = 0.1  # of the retreat's speed, at which a surface is looked for after it
@@ -79,7 +78,8 @@ class GuardLimits(NamedTuple):
         ahead: T_r [s].
         same: ticks of equal readings of a frozen sensor; infinite for one without noise.
         deeper: way into the surface on which a live sensor shows something else [m].
-        search: way beyond the last contact on which a surface is looked for [m].
+        search: way beyond the last contact on which a surface is looked for [m]; infinite where surfaces pull.
+        losses: of contact that are no hopping; infinite where surfaces pull.
         patience: ticks that are held before a retreat.
         retreats: that are made before it stops.
         retreat: distance [m].
@@ -99,6 +99,7 @@ class GuardLimits(NamedTuple):
     same: float
     deeper: float
     search: float
+    losses: float
     patience: float
     retreats: int
     retreat: float
@@ -207,7 +208,7 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
     fault = Cause.NONE
     if estimate + limits.ahead * max(rate, 0.0) > limits.force:
         fault = Cause.FORCE
-    elif losses > LOSSES or (good < FELT * asked and felt - depth > limits.search):
+    elif losses > limits.losses or (good < FELT * asked and felt - depth > limits.search):
         fault = Cause.CONTACT
     elif same > TOGETHER and (same >= limits.same or (good > 0.0 and anchor - depth > limits.deeper)):
         fault = Cause.FROZEN

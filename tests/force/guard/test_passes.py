@@ -28,6 +28,7 @@ def limits(bandwidth: float, noisy: bool) -> GuardLimits:
         same=50.0 if noisy else np.inf,
         deeper=1e-3,
         search=0.01,
+        losses=8,
         patience=150.0,
         retreats=3,
         retreat=0.01,
