@@ -23,7 +23,10 @@ def reproduce(
         Path | None, typer.Option(metavar="DIR", help="Directory to write; default runs/reproduce-<n>.")
     ] = None,
     check_: Annotated[
-        bool, typer.Option("--check", help="Exit with 1 on a miss that is no known gap, or a drifted value.")
+        bool,
+        typer.Option(
+            "--check", help="Exit with 1 on a miss that is no known gap, a known gap that is met, or a drifted value."
+        ),
     ] = False,
     fidelity: Fidelity = None,
     workers: Annotated[
@@ -82,12 +85,13 @@ def reproduce(
         console.print()
     missed = sum(v.passed is False for part in report.parts for v in part.verdicts)
     known = sum(v.passed is False and bool(v.gap) for part in report.parts for v in part.verdicts)
+    stale = sum(v.stale for part in report.parts for v in part.verdicts)
     judged = sum(v.passed is not None for part in report.parts for v in part.verdicts)
     drifted = sum(v.drifted is True for part in report.parts for v in part.verdicts)
     if not quiet:
         for note in report.notes:
             typer.echo(note)
-        gaps = f", known gaps: {known}" if known else ""
+        gaps = (f", known gaps: {known}" if known else "") + (f", known gaps out of date: {stale}" if stale else "")
         typer.echo(
             f"{judged - missed} of {judged} targets met{gaps}, drifted: {drifted}; results in {report.directory}: "
             "summary.json and one run per folder"

@@ -284,8 +284,8 @@ def _settled(time: Signal, error: Signal, wanted: float, config: FindingsConfig,
     if off <= config.settled_share * wanted:
         return
     text = (
-        f"not settled: at the end of the {what} the true force is {wanted - error[-1]:.4g} N, up to {off:.3g} N off its "
-        f"reference in the last tenth of {time[-1] - time[0]:.3g} s"
+        f"not settled: at the end of the {what} the true force is {wanted - error[-1]:.4g} N, up to {off:.3g} N off "
+        f"its reference in the last tenth of {time[-1] - time[0]:.3g} s"
     )
     same_side = (error[begin:] > 0).all() or (error[begin:] < 0).all()
     if same_side and np.abs(error[last:]).mean() < _APPROACHING * np.abs(error[begin:last]).mean():
