@@ -25,7 +25,7 @@ def reproduce(
     check_: Annotated[
         bool,
         typer.Option(
-            "--check", help="Exit with 1 on a miss that is no known gap, a known gap that is met, or a drifted value."
+            "--check", help="Exit with 1 on a miss that is no known gap, a gap that is met, or a drifted value."
         ),
     ] = False,
     fidelity: Fidelity = None,

@@ -67,9 +67,10 @@ class Expectation(Config):
     The value judged is metric(variant), minus that of `minus`, or divided by that of `ratio`; the metric
     `force_distance_N` is that of the variant's measured force from the one in `distance_to`. It passes when it lies
     within `tolerance` of `published` (if there is a tolerance) and between `minimum` and `maximum` (`strict`: not on
-    them). A line with a gap is judged like any other and shown as missed, with the reason, but fails nothing; where
-    it is met after all, the gap is out of date, which fails a check of `reproduce`. Apart from that, it has drifted when it is further than `drift` from `expected`: from a thesis one may be away and stay
-    there, but a change of the code that moves a number shows.
+    them). A line with a gap is judged like any other and shown as missed, with the reason, but fails nothing; where it
+    is met after all, the gap is out of date, and `forcectl reproduce --check` fails. Apart from that, a line has
+    drifted when it is further than `drift` from `expected`: from a thesis one may be away and stay there, but a change
+    of the code that moves a number shows.
     """
 
     target: str = key(meaning="name of the line")
