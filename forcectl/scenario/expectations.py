@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from forcectl.analysis.force_targets import Allowed
 from forcectl.analysis.tables.metric_tables import METRICS, PAIR_METRICS, is_metric, metric_unit
 from forcectl.analysis.tables.motion_tables import MOTION_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
@@ -114,6 +115,18 @@ class Expectation(Config):
     def metrics(self) -> list[str]:
         """Names of the metrics that it looks at."""
         return [self.metric, *(term.metric for term in (self.minus, self.ratio) if term is not None)]
+
+    def allowed(self, fidelity: str) -> Allowed | None:
+        """What it asks of its metric on a fidelity; None where it judges none there, or more than the metric."""
+        if self.minus or self.ratio or self.distance_to or (self.fidelities and fidelity not in self.fidelities):
+            return None
+        low, high = self.minimum, self.maximum
+        number = self.published if isinstance(self.published, float) else None
+        if self.tolerance is not None and number is not None:
+            width = self.tolerance.width(number)
+            low = number - width if low is None else max(low, number - width)
+            high = number + width if high is None else min(high, number + width)
+        return Allowed(self.metric, self.variant, low, high, number)
 
     def variants(self, names: Sequence[str]) -> dict[str, str]:
         """The variant of each term, by key; a term without one takes that of the expectation, then the first."""
