@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -160,12 +161,24 @@ def write_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
 
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write one figure as `<stem>.svg` and `<stem>.png`, without dates or random identifiers in the file."""
-    FigureCanvasAgg(figure)
     written = [stem.with_name(stem.name + suffix) for suffix in (".svg", ".png")]
-    with mpl.rc_context({"svg.hashsalt": "forcectl", "svg.fonttype": "path"}):
-        figure.savefig(written[0], metadata={"Date": None})
-        figure.savefig(written[1], dpi=150)
+    _write_svg(figure, written[0])
+    figure.savefig(written[1], dpi=150)
     return written
+
+
+def as_svg(figure: Figure) -> str:
+    """A figure as an SVG element, for a page."""
+    page = io.StringIO()
+    _write_svg(figure, page)
+    text = page.getvalue()
+    return text[text.index("<svg") :]
+
+
+def _write_svg(figure: Figure, where: Path | io.StringIO) -> None:
+    FigureCanvasAgg(figure)
+    with mpl.rc_context({"svg.hashsalt": "forcectl", "svg.fonttype": "path"}):
+        figure.savefig(where, format="svg", metadata={"Date": None})
 
 
 def _new(title: str, ylabel: str) -> tuple[Figure, Axes]:
