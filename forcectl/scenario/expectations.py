@@ -69,9 +69,9 @@ class Expectation(Config):
     `force_distance_N` is that of the variant's measured force from the one in `distance_to`. It passes when it lies
     within `tolerance` of `published` (if there is a tolerance) and between `minimum` and `maximum` (`strict`: not on
     them). A line with a gap is judged like any other and shown as missed, with the reason, but fails nothing; where it
-    is met after all, the gap is out of date, and `forcectl reproduce --check` fails. Apart from that, a line has
-    drifted when it is further than `drift` from `expected`: from a thesis one may be away and stay there, but a change
-    of the code that moves a number shows.
+    is met by more than it may drift, the gap is out of date, and `forcectl reproduce --check` fails. Apart from that, a
+    line has drifted when it is further than `drift` from `expected`: from a thesis one may be away and stay there, but
+    a change of the code that moves a number shows.
     """
 
     target: str = key(meaning="name of the line")
@@ -156,6 +156,7 @@ class Verdict:
         metrics: names of the metrics that ours is made of.
         unit: of ours, published and expected.
         gap: why it is known to be missed; "" where nothing is known.
+        stale: the gap is out of date: the line is met, and stays met where ours drifts as far as it may.
     """
 
     target: str
@@ -170,24 +171,19 @@ class Verdict:
     metrics: tuple[str, ...] = ()
     unit: str = ""
     gap: str = ""
+    stale: bool = False
 
     @property
     def surprising(self) -> bool:
         """Whether it is missed, and not known to be."""
         return self.passed is False and not self.gap
 
-    @property
-    def stale(self) -> bool:
-        """Whether it is met, though it is said to be missed."""
-        return self.passed is True and bool(self.gap)
-
     def as_row(self) -> dict[str, Any]:
         """The record of `summary.json`."""
         words = {name: text for name, text in (("note", self.note), ("gap", self.gap)) if text}
-        row = {
-            _ROW.get(name, name): value for name, value in vars(self).items() if name not in ("target", "note", "gap")
-        }
-        return row | {"metrics": list(self.metrics)} | words
+        left = ("target", "note", "gap", "stale")
+        row = {_ROW.get(name, name): value for name, value in vars(self).items() if name not in left}
+        return row | {"metrics": list(self.metrics)} | words | ({"stale": True} if self.stale else {})
 
     @staticmethod
     def from_row(target: str, row: Mapping[str, Any]) -> Verdict:
@@ -221,6 +217,11 @@ def judge(
     if not isinstance(known, dict):
         known = {} if known is None else {[*expectation.fidelities, *fidelities, fidelity][0]: known}
     expected = known.get(fidelity)
+    drift, gap = expectation.drift or DRIFT, expectation.gaps.get(fidelity, "") if judged else ""
+    stale = False
+    if gap and ours is not None:
+        width = drift.width(ours if expected is None else expected)
+        stale = all(_within(expectation, ours + way) for way in (-width, 0.0, width))
     return Verdict(
         target=expectation.target,
         published=published,
@@ -230,10 +231,11 @@ def judge(
         passed=(ours is not None and _within(expectation, ours)) if judged else None,
         note=note,
         expected=expected,
-        drifted=None if expected is None else not (expectation.drift or DRIFT).holds(expected, ours),
+        drifted=None if expected is None else not drift.holds(expected, ours),
         metrics=tuple(expectation.metrics),
         unit=metric_unit(expectation.metric) if expectation.ratio is None else "",
-        gap=expectation.gaps.get(fidelity, "") if judged else "",
+        gap=gap,
+        stale=stale,
     )
 
 
