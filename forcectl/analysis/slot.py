@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from forcectl.analysis.findings.finding import RunFinding
+    from forcectl.analysis.force_targets import Allowed
 
 SURFACE = "surface"  # dimension of signals with one element for each surface that is pressed on
 
@@ -70,14 +71,23 @@ def variants_of(log: Any) -> dict[str, Any]:
     return {str(name): log.sel(variant=name).dropna("time", how="all") for name in log["variant"].values}
 
 
-def run_figures(log: Any, title: str, findings: Mapping[str, Sequence[RunFinding]]) -> dict[str, Figure]:
+def run_figures(
+    log: Any,
+    title: str,
+    findings: Mapping[str, Sequence[RunFinding]],
+    allowed: Sequence[Allowed] = (),
+    motion: tuple[float, float] | None = None,
+) -> dict[str, Figure]:
     """The figures of any run by file name, as far as it has the signals.
 
     Args:
         log: over time, or over (variant, time).
         title: heading.
         findings: of every variant, marked where a time belongs to them.
+        allowed: what is expected of metrics, drawn where they are forces.
+        motion: begin and end of the motion along the surface [s]; None without one.
     """
+    from forcectl.analysis.force_targets import force_targets
     from forcectl.figures.force import run_figures as force_figures
     from forcectl.figures.motion import motion_figures
 
@@ -87,7 +97,8 @@ def run_figures(log: Any, title: str, findings: Mapping[str, Sequence[RunFinding
             shown = f"{title}: {label[:-1]}" if label else title
             begin = f"{label[:-1]}:" if label else ""
             of_this = {name: [f for f in every if f.text.startswith(begin)] for name, every in findings.items()}
-            figures = force_figures(one, shown, of_this)
+            targets = force_targets(variants_of(one), allowed, label, motion)
+            figures = force_figures(one, shown, of_this, targets)
             found |= {f"{label}{name}".replace(".", "_"): figure for name, figure in figures.items()}
     if "motor_torque" in log:
         found |= motion_figures(log, title, findings)

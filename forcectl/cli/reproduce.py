@@ -37,7 +37,10 @@ def reproduce(
         Path | None, typer.Option(metavar="DIR", help="Directory to write; default runs/reproduce-<n>.")
     ] = None,
     check_: Annotated[
-        bool, typer.Option("--check", help="Exit with 1 on a miss that is no known gap, or a drifted value.")
+        bool,
+        typer.Option(
+            "--check", help="Exit with 1 on a miss that is no known gap, a gap that is met, or a drifted value."
+        ),
     ] = False,
     variant: Variant = None,
     settings: Settings = None,
@@ -122,7 +125,8 @@ def _print(report: Reproduction, verbose: bool) -> None:
     judged = sum(v.passed is not None for v in every)
     for note in report.notes:
         typer.echo(note)
-    gaps = f", known gaps: {known}" if known else ""
+    stale = sum(v.stale for v in every)
+    gaps = (f", known gaps: {known}" if known else "") + (f", known gaps out of date: {stale}" if stale else "")
     typer.echo(
         f"{judged - missed} of {judged} targets met{gaps}, drifted: {sum(v.drifted is True for v in every)}; results "
         f"in {report.directory}: summary.json and one run per folder"

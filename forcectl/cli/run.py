@@ -126,7 +126,7 @@ def run(
         for line in found_lines(result.gains):
             typer.echo(line)
         say_assumed(result.assumed)
-        pages = ", replay.html" if replay and len(result.metrics) == 1 else ", replay_1.html ..." if replay else ""
+        pages = ", replay.html" if replay and len(result.metrics) == 1 else ", replay_<variant>.html" if replay else ""
         typer.echo(
             f"results in {directory}: log.nc, metrics.json, figures/, diagram.html{pages}, scenario.yaml, manifest.json"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from forcectl.figures.targets import ForceTarget, draw_bands, draw_targets
 
 # Okabe and Ito: told apart with any colour vision, and in print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -35,18 +38,20 @@ _TUNING = {
 }
 
 
-def force_figure(log: Any, title: str = "", findings: Found = NOTHING) -> Figure:
-    """Measured force of every variant over time, with the desired force and, dashed, the reference model.
+def force_figure(log: Any, title: str = "", findings: Found = NOTHING, targets: Sequence[ForceTarget] = ()) -> Figure:
+    """Measured force of every variant over time, with the desired force, its bands, and, dashed, the reference model.
 
     Args:
         log: dataset over time, or over (variant, time): `desired_force`, `measured_force` and perhaps `model_force`.
         title: heading.
         findings: of every variant, marked at their times.
+        targets: what is expected of the forces.
     """
     figure, axes = _new(title, "force [N]")
     desired = {one["desired_force"].values.tobytes(): one["desired_force"] for *_, one in _drawn(log)}
     for i, values in enumerate(desired.values()):
         axes.plot(log["time"], values, color=_REFERENCE, lw=1.0, label="reference" if i == 0 else None, zorder=1)
+    draw_bands(axes, log["time"].values, (one.values for one in desired.values()))
     drawn: list[Any] = []
     for colour, dashes, name, one in _drawn(log):
         label, look = _label(name) or "measured force", _seen_through(dashes, one["measured_force"].values, drawn)
@@ -55,9 +60,12 @@ def force_figure(log: Any, title: str = "", findings: Found = NOTHING) -> Figure
             axes.plot(one["time"], one["model_force"], color=colour, lw=1.2, ls=(0, (5, 3)), alpha=0.9, zorder=2)
     if _has_model(log):
         axes.plot([], [], color=_REFERENCE, lw=1.2, ls=(0, (5, 3)), label="reference model")
+    colours = {name: colour for colour, _, name, _ in _drawn(log)}
+    axes.set_xlim(float(log["time"][0]), float(log["time"][-1]))
+    draw_targets(axes, colours, targets)
     _finish(figure, axes, log)
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-    mark_findings(axes, {name: colour for colour, _, name, _ in _drawn(log)}, findings)
+    mark_findings(axes, colours, findings)
     return figure
 
 
@@ -133,9 +141,11 @@ def tuning_figure(log: Any, title: str = "") -> Figure:
     return figure
 
 
-def run_figures(log: Any, title: str = "", findings: Found = NOTHING) -> dict[str, Figure]:
+def run_figures(
+    log: Any, title: str = "", findings: Found = NOTHING, targets: Sequence[ForceTarget] = ()
+) -> dict[str, Figure]:
     """The figures that the log of a force loop has signals for, by file name; arguments as those of `force_figure`."""
-    figures = {"force": force_figure(log, title, findings)}
+    figures = {"force": force_figure(log, title, findings, targets)}
     if _has_model(log):
         figures["model_error"] = error_figure(log, title)
     if _GAIN in log:
@@ -151,12 +161,24 @@ def write_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
 
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write one figure as `<stem>.svg` and `<stem>.png`, without dates or random identifiers in the file."""
-    FigureCanvasAgg(figure)
     written = [stem.with_name(stem.name + suffix) for suffix in (".svg", ".png")]
-    with mpl.rc_context({"svg.hashsalt": "forcectl", "svg.fonttype": "path"}):
-        figure.savefig(written[0], metadata={"Date": None})
-        figure.savefig(written[1], dpi=150)
+    _write_svg(figure, written[0])
+    figure.savefig(written[1], dpi=150)
     return written
+
+
+def as_svg(figure: Figure) -> str:
+    """A figure as an SVG element, for a page."""
+    page = io.StringIO()
+    _write_svg(figure, page)
+    text = page.getvalue()
+    return text[text.index("<svg") :]
+
+
+def _write_svg(figure: Figure, where: Path | io.StringIO) -> None:
+    FigureCanvasAgg(figure)
+    with mpl.rc_context({"svg.hashsalt": "forcectl", "svg.fonttype": "path"}):
+        figure.savefig(where, format="svg", metadata={"Date": None})
 
 
 def _new(title: str, ylabel: str) -> tuple[Figure, Axes]:

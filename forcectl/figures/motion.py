@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from forcectl.figures.file_names import file_names
 from forcectl.figures.force import COLOURS, NOTHING, Found, mark_findings, stacked
 
 _LOCAL = "estimated_local_wrench"
@@ -36,11 +37,12 @@ def motion_figures(log: Any, title: str = "", findings: Found = NOTHING) -> dict
     first = str(np.ravel(log["variant"].values)[0]) if "variant" in log.coords else ""
     mark_findings(figures["motion"].axes[-1], {first: "#000000"}, findings)
     names = [str(name) for name in log["variant"].values] if "variant" in log.dims else [""]
+    parts = file_names(names)
     for i, name in enumerate(names):
         one = one_variant(log, i)
         if _estimated(one) or one["tip_wrench"].values.any():
             shown = f"{title}: {name}" if name else title
-            figures["forces" if len(names) == 1 else f"forces_{i + 1}"] = force_figure(one, shown)
+            figures["forces" if len(names) == 1 else f"forces_{parts[name]}"] = force_figure(one, shown)
     return figures
 
 

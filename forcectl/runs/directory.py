@@ -6,7 +6,7 @@
     metrics.json     {variant: {metric: value, findings: [...]}}
     figures/         force and model error, SVG and PNG
     diagram.dot, diagram.svg, diagram.html
-    replay.html      on request (replay_1.html ... for the variants in order)
+    replay.html      on request (replay_<variant>.html, each variant one)
 
 A run that had to stop leaves `<name>.failed` instead, with the log up to there and without metrics of what did not
 finish; its manifest has `"status": "failed"` and the reason. So does one whose pictures cannot be drawn. One that was

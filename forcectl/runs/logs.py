@@ -13,6 +13,7 @@ import contextlib
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from enum import IntEnum
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -26,10 +27,28 @@ from forcectl.analysis.force_metrics import model_response
 from forcectl.conventions import SIGNALS, TRUTH, unit_of
 from forcectl.diagrams.derived import SOURCES, Derived
 from forcectl.errors import BadInputError, one_line
+from forcectl.force.guard.kernel import Cause, Reaction
+from forcectl.qp.quadratic_program import Status
 from forcectl.runs.directory import write_file
 from forcectl.scenario.scenario import Scenario
 
 Array = NDArray[np.float64]
+
+
+def _words(numbers: type[IntEnum]) -> tuple[str, ...]:
+    return tuple(number.name.lower() for number in numbers)
+
+
+def _counted(numbers: type[IntEnum]) -> str:
+    return ", ".join(f"{number.value} {number.name.lower()}" for number in numbers)
+
+
+# Numbers that are not one thing but several, digit by digit.
+_COMMENTS = {
+    "status": f"hundreds, what the guard does: {_counted(Reaction)}; tens, why: {_counted(Cause)}; "
+    f"ones, the controller's own: {_counted(Status)}"
+}
+_MEANINGS = {"contact_state": ("apart", "touching"), "governor_status": _words(Status)}
 
 
 class ChunkedLog:
@@ -82,11 +101,7 @@ def to_dataset(
     coordinates: dict[str, Any] = {"time": ("time", times, {"units": "s", "long_name": "time"}), "variant": variant}
     for name, signal in signals.items():
         rows = values[signal.rows]
-        attributes = {"units": signal.unit, "long_name": name.replace("_", " ")}
-        if name in SIGNALS:
-            attributes["comment"] = SIGNALS[name].meaning
-        if signal.meanings:
-            attributes |= _flags(signal.meanings)
+        attributes = _attributes(name, signal)
         if signal.labels is None:
             variables[name] = (("time",), rows[0].copy(), attributes)
         else:
@@ -96,14 +111,7 @@ def to_dataset(
             variables[name] = (("time", component), rows.T.copy(), attributes)
     for name, each in (derived or {}).items():
         signal = Derived(*each)
-        comment = signal.comment or (SIGNALS[name].meaning if name in SIGNALS else "")
-        attributes = {
-            "units": signal.unit,
-            "long_name": name.replace("_", " "),
-            **({"comment": comment} if comment else {}),
-        }
-        if signal.meanings:
-            attributes |= _flags(signal.meanings)
+        attributes = _attributes(name, signal, signal.comment)
         component = signal.dimension or ("joint" if name in SOURCES else f"{name}_component")
         variables[name] = (("time", component)[: signal.samples.ndim], signal.samples, attributes)
         if signal.samples.ndim > 1 and (signal.labels or component not in coordinates):
@@ -122,9 +130,21 @@ def to_dataset(
     return xr.Dataset(variables, coordinates)
 
 
-def _flags(meanings: Sequence[str]) -> dict[str, Any]:
-    """Attributes of a signal that is the number of something."""
-    return {"flag_values": np.arange(len(meanings), dtype=float), "flag_meanings": " ".join(meanings)}
+def _attributes(name: str, signal: Any, comment: str = "") -> dict[str, Any]:
+    """Attributes of a signal.
+
+    Args:
+        name: of the signal.
+        signal: its `unit`, and the `meanings` of its values where it is the number of something.
+        comment: what it is; empty: what is known of its name.
+    """
+    attributes = {"units": signal.unit, "long_name": name.replace("_", " ")}
+    known = SIGNALS[name].meaning if name in SIGNALS else _COMMENTS.get(name, "")
+    if comment or known:
+        attributes["comment"] = comment or known
+    if meanings := signal.meanings or _MEANINGS.get(name, ()):
+        attributes |= {"flag_values": np.arange(len(meanings), dtype=float), "flag_meanings": " ".join(meanings)}
+    return attributes
 
 
 def stack(logs: Sequence[xr.Dataset]) -> xr.Dataset:

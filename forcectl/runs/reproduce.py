@@ -4,7 +4,7 @@ Writes, under the output directory, one run directory per experiment and fidelit
 `summary.json`: {experiment: {target: {published, ours, deviation, tolerance, pass, expected, drift}}}. Targets of an
 experiment that runs on several fidelities end in the fidelity, in brackets; `pass` is null for a value that is reported
 but not judged there, `drift` for one without an expected number there. A line that is known to be missed has its reason
-as `gap`.
+as `gap`; one that is met after all is reported as out of date.
 """
 
 from __future__ import annotations
@@ -88,8 +88,8 @@ class Reproduction:
 
     @property
     def passed(self) -> bool:
-        """Whether no target was missed but those known to be, and no value has drifted from its expected number."""
-        return not any(v.surprising or v.drifted for part in self.parts for v in part.verdicts)
+        """Whether what is missed is what is known to be, and no value has drifted from its expected number."""
+        return not any(v.surprising or v.stale or v.drifted for part in self.parts for v in part.verdicts)
 
     def summary(self) -> dict[str, dict[str, dict[str, object]]]:
         """The content of `summary.json`."""

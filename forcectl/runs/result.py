@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import xarray as xr
 from pydrake.systems.framework import Diagram
 
-from forcectl.analysis.findings.finding import RunFinding, parse_severity
+from forcectl.analysis.findings.finding import RunFinding, findings_lines, parse_severity
 from forcectl.analysis.tables.metric_tables import metric_unit
 from forcectl.errors import BadInputError, RunFailedError, unknown
 from forcectl.scenario.expectations import Verdict
@@ -95,11 +96,15 @@ class RunResult:
         Raises:
             BadInputError: the run has no figure of this name.
         """
-        scenario, title = self.scenario, self.scenario.title or self.name if self.scenario else ""
-        figures = {} if scenario is None else scenario.figures(self.log, title, self.findings)
+        figures = self._figures()
         if not figures or (name is not None and name not in figures):
             raise unknown("figure", name, figures)
         return figures[name] if name is not None else next(iter(figures.values()))
+
+    def _figures(self) -> dict[str, Figure]:
+        if self.scenario is None or self.log.sizes["time"] < 2:
+            return {}
+        return self.scenario.figures(self.log, self.scenario.title or self.name, self.findings)
 
     def __repr__(self) -> str:
         judged = [v for v in self.verdicts if v.passed is not None]
@@ -118,7 +123,13 @@ class RunResult:
         title = f"{self.name}: {self.scenario.title}" if self.scenario else self.name
         tables = [metrics_table(self.metrics, title, short_list(self.metrics, self.verdicts), _PAGE)]
         tables += [verdict_table(self.verdicts, "Expectations", _PAGE)] if self.verdicts else []
-        return as_html(tables, _PAGE)
+        said = "".join(f"<li>{escape(line)}</li>" for line in findings_lines(self.findings))
+        page = f"{as_html(tables, _PAGE)}<ul>{said}</ul>"
+        if figures := self._figures():
+            from forcectl.figures.force import as_svg
+
+            page += as_svg(next(iter(figures.values())))
+        return page
 
 
 class StoppedRunError(RunFailedError):

@@ -14,6 +14,7 @@ from pydrake.systems.framework import Diagram
 from forcectl.analysis.findings.finding import RunFinding
 from forcectl.analysis.force_metrics import find_steps, force_distance
 from forcectl.errors import BadInputError, one_line
+from forcectl.figures.file_names import file_names
 from forcectl.framework.reader import join
 from forcectl.framework.yaml_tree import Tagged, Tree, as_json, dump, nest
 from forcectl.interrupts import Interrupts, passed_over
@@ -176,8 +177,9 @@ def finish(
         _write_words(*written, verdicts, *(("failed", failed.failure) if failed else ("done", None)))
         try:
             _write_pictures(folder, log, first, diagram, first.title or file.name, _findings(outcomes))
-            for number, outcome in enumerate(outcomes, start=1):
-                mark = f"_{number}" if len(scenarios) > 1 else ""
+            parts = file_names(scenarios)
+            for outcome in outcomes:
+                mark = f"_{parts[outcome.variant]}" if len(scenarios) > 1 else ""
                 _write_files(folder, mark, outcome, scenarios[outcome.variant], replay)
         except Exception as error:
             if isinstance(error, OSError):  # they may be there in part, and leave no room for the line that says so

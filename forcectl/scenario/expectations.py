@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from forcectl.analysis.force_targets import Allowed
 from forcectl.analysis.tables.metric_tables import METRICS, PAIR_METRICS, is_metric, metric_unit
 from forcectl.analysis.tables.motion_tables import MOTION_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
@@ -67,9 +68,10 @@ class Expectation(Config):
     The value judged is metric(variant), minus that of `minus`, or divided by that of `ratio`; the metric
     `force_distance_N` is that of the variant's measured force from the one in `distance_to`. It passes when it lies
     within `tolerance` of `published` (if there is a tolerance) and between `minimum` and `maximum` (`strict`: not on
-    them). A line with a gap is judged like any other and shown as missed, with the reason, but fails nothing. Apart
-    from that, it has drifted when it is further than `drift` from `expected`: from a thesis one may be away and stay
-    there, but a change of the code that moves a number shows.
+    them). A line with a gap is judged like any other and shown as missed, with the reason, but fails nothing; where it
+    is met by more than it may drift, the gap is out of date, and `forcectl reproduce --check` fails. Apart from that, a
+    line has drifted when it is further than `drift` from `expected`: from a thesis one may be away and stay there, but
+    a change of the code that moves a number shows.
     """
 
     target: str = key(meaning="name of the line")
@@ -133,6 +135,18 @@ class Expectation(Config):
         """Names of the metrics that it looks at."""
         return [self.metric, *(term.metric for term in (self.minus, self.ratio) if term is not None)]
 
+    def allowed(self, fidelity: str) -> Allowed | None:
+        """What it asks of its metric on a fidelity; None where it judges none there, or more than the metric."""
+        if self.minus or self.ratio or self.distance_to or (self.fidelities and fidelity not in self.fidelities):
+            return None
+        low, high = self.minimum, self.maximum
+        number = self.published if isinstance(self.published, float) else None
+        if self.tolerance is not None and number is not None:
+            width = self.tolerance.width(number)
+            low = number - width if low is None else max(low, number - width)
+            high = number + width if high is None else min(high, number + width)
+        return Allowed(self.metric, self.variant, low, high, number)
+
     def variants(self, names: Sequence[str]) -> dict[str, str]:
         """The variant of each term, by key; a term without one takes that of the expectation, then the first."""
         own = self.variant if self.variant is not None else names[0]
@@ -161,6 +175,7 @@ class Verdict:
         metrics: names of the metrics that ours is made of.
         unit: of ours, published and expected.
         gap: why it is known to be missed; "" where nothing is known.
+        stale: the gap is out of date: the line is met, and stays met where ours drifts as far as it may.
     """
 
     target: str
@@ -175,6 +190,7 @@ class Verdict:
     metrics: tuple[str, ...] = ()
     unit: str = ""
     gap: str = ""
+    stale: bool = False
 
     @property
     def surprising(self) -> bool:
@@ -184,10 +200,9 @@ class Verdict:
     def as_row(self) -> dict[str, Any]:
         """The record of `summary.json`."""
         words = {name: text for name, text in (("note", self.note), ("gap", self.gap)) if text}
-        row = {
-            _ROW.get(name, name): value for name, value in vars(self).items() if name not in ("target", "note", "gap")
-        }
-        return row | {"metrics": list(self.metrics)} | words
+        left = ("target", "note", "gap", "stale")
+        row = {_ROW.get(name, name): value for name, value in vars(self).items() if name not in left}
+        return row | {"metrics": list(self.metrics)} | words | ({"stale": True} if self.stale else {})
 
     @staticmethod
     def from_row(target: str, row: Mapping[str, Any]) -> Verdict:
@@ -221,6 +236,11 @@ def judge(
     if not isinstance(known, dict):
         known = {} if known is None else {[*expectation.fidelities, *fidelities, fidelity][0]: known}
     expected = known.get(fidelity)
+    drift, gap = expectation.drift or DRIFT, expectation.gaps.get(fidelity, "") if judged else ""
+    stale = False
+    if gap and ours is not None:
+        width = drift.width(ours if expected is None else expected)
+        stale = all(_within(expectation, ours + way) for way in (-width, 0.0, width))
     return Verdict(
         target=expectation.target,
         published=published,
@@ -230,10 +250,11 @@ def judge(
         passed=(ours is not None and _within(expectation, ours)) if judged else None,
         note=note,
         expected=expected,
-        drifted=None if expected is None else not (expectation.drift or DRIFT).holds(expected, ours),
+        drifted=None if expected is None else not drift.holds(expected, ours),
         metrics=tuple(expectation.metrics),
         unit=metric_unit(expectation.metric) if expectation.ratio is None else "",
-        gap=expectation.gaps.get(fidelity, "") if judged else "",
+        gap=gap,
+        stale=stale,
     )
 
 

@@ -167,7 +167,8 @@ class Scenario(Config):
             title: heading.
             findings: of every variant, to be marked.
         """
-        figures = run_figures(log, title, findings or {})
+        allowed = [one for line in self.expect if (one := line.allowed(self.fidelity)) is not None]
+        figures = run_figures(log, title, findings or {}, allowed, self.motion.interval())
         setting = self.setting() if self.analyses else None
         for name in self.analyses:
             figures |= self.asked(name, "figures", log, setting, title)

@@ -256,11 +256,11 @@ def test_variants_of_different_robots_are_drawn_each_with_its_own_arms():
     both = xr.merge([small, other], join="outer", compat="no_conflicts")
     log = stack([both.assign_coords(variant="two"), small.assign_coords(variant="one")])
     figures = motion_figures(log, "T")
-    assert set(figures) == {"motion", "forces_1", "forces_2"}
-    assert [len(figures[name].axes) for name in ("forces_1", "forces_2")] == [2, 1]
+    assert set(figures) == {"motion", "forces_two", "forces_one"}
+    assert [len(figures[name].axes) for name in ("forces_two", "forces_one")] == [2, 1]
     first = one_variant(log, 1)
     assert first.sizes["joint"] == 7
-    assert "T: one" in figures["forces_2"].get_suptitle()
+    assert "T: one" in figures["forces_one"].get_suptitle()
 
 
 def test_names_of_metrics():

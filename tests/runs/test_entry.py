@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import pytest
 
 import forcectl as fc
+from forcectl.analysis.findings.finding import findings_lines
+from forcectl.figures.force import as_svg
 
 CHANGES = {"variant": "K_I = 3 1/s", "overrides": {"duration": 0.2}, "seed": 3, "fidelity": "OneDimensional"}
 TREE = {
@@ -80,6 +84,19 @@ def test_a_result_is_one_line_and_tables_in_a_notebook(result):
     page = result._repr_html_()
     for part in ("own &lt;loop&gt;", "peak_force_N", "K_I = 1.5 1/s", "pass"):
         assert part in page
+
+
+def test_a_result_in_a_notebook_says_its_findings_and_shows_its_figure(result):
+    page = result._repr_html_()
+    lines = findings_lines(result.findings)
+    assert len(lines) == 2
+    for line in lines:
+        assert f"<li>{escape(line)}</li>" in page
+    assert page.count("<svg") == page.count("</svg>") == 1
+    assert as_svg(result.plot()) in page
+    none = replace(result, findings={}, scenario=None)._repr_html_()
+    assert "<li>findings: none</li>" in none
+    assert "<svg" not in none
 
 
 def test_metrics_are_looked_up_and_laid_out(result):

@@ -180,3 +180,18 @@ def test_torques_sticking_and_poses_of_the_tool_stand_in_the_log():
     quaternion = pose.rotation().ToQuaternion().wxyz()
     assert abs(log["tool_orientation"].values[-1] @ quaternion) == pytest.approx(1.0)
     assert [str(name) for name in log["tool_orientation_component"].values] == ["arm_w", "arm_x", "arm_y", "arm_z"]
+
+
+def test_status_and_contact_state_say_what_their_values_mean():
+    stops = {"controller.integral_gain": 300.0, "station.sensors.force.faults": [{"kind": "nan", "start": 0.1}]}
+    log = fc.run({"duration": 0.6}, fidelity="OneDimensional", overrides=stops).log
+    touching = log["contact_state"]
+    assert set(np.unique(touching)) == set(touching.attrs["flag_values"]) == {0.0, 1.0}
+    assert touching.attrs["flag_meanings"] == "apart touching"
+    np.testing.assert_array_equal(touching > 0.5, log["contact_force"] > 0.0)
+    hundreds, tens, ones = (part.split(": ")[1] for part in log["status"].attrs["comment"].split("; "))
+    reaction, cause, own = (int(digit) for digit in f"{int(log['status'].max()):03}")
+    assert f"{reaction} retreat" in hundreds or f"{reaction} stop" in hundreds
+    assert f"{cause} reading" in tens
+    assert f"{own} optimal" in ones
+    assert "flag_values" not in log["status"].attrs  # it is three numbers in one

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
 from forcectl.analysis.findings.finding import finding
 from forcectl.figures.force import COLOURS, error_figure, force_figure, run_figures, write_figures
+from forcectl.figures.targets import ForceTarget
 
 
 def log(variants=("slow", "fast"), model=True):
@@ -41,7 +43,7 @@ def test_force_shows_every_variant_its_model_dashed_and_the_reference_once():
     assert axes.get_title(loc="left") == "A title"
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("time [s]", "force [N]")
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert labels == ["reference", "slow", "fast", "reference model"]
+    assert labels == ["reference", "within 5 % and 2 %", "slow", "fast", "reference model"]
     solid = [line for line in lines(figure) if line.get_color() == COLOURS[0]]
     assert [line.is_dashed() for line in solid] == [False, True]
     np.testing.assert_allclose(solid[0].get_ydata(), log()["measured_force"].sel(variant="slow"))
@@ -60,6 +62,44 @@ def test_findings_are_marked_at_their_times_in_the_colour_of_their_variant():
     axes = force_figure(log(), findings=many).axes[0]
     assert len([line for line in axes.get_lines() if line.get_marker() == "^"]) == 20
     assert not axes.texts
+
+
+def bands(figure):
+    """Corners of the bands: begin, lowest, end, highest."""
+    boxes = [collection.get_paths()[0].get_extents() for collection in figure.axes[0].collections]
+    return [(box.x0, box.y0, box.x1, box.y1) for box in boxes]
+
+
+def test_a_force_that_is_held_has_its_bands_and_one_that_moves_has_none():
+    steps = log()
+    steps["desired_force"] = steps["desired_force"].where(steps["time"] < 3.0, 20.0).where(steps["time"] < 4.9, 0.0)
+    found = bands(force_figure(steps))
+    assert found == [
+        pytest.approx(each)
+        for each in [(0, 14.25, 2.99, 15.75), (0, 14.7, 2.99, 15.3), (3, 19, 4.89, 21), (3, 19.6, 4.89, 20.4)]
+    ]
+    sine = log()
+    sine["desired_force"] = sine["desired_force"] + 5 * np.sin(sine["time"])
+    assert bands(force_figure(sine)) == []
+    assert "within" not in str(legend(force_figure(sine)))
+
+
+def test_targets_are_marked_in_the_colour_of_their_variant_with_what_is_allowed():
+    targets = [
+        ForceTarget("slow", 2.0, 14.0, 15.0, 14.6),
+        ForceTarget("fast", 3.0, None, 17.0),
+        ForceTarget("no", 1, 1, 2),
+    ]
+    figure = force_figure(log(), targets=targets)
+    bars = [c for c in figure.axes[0].containers if len(c.get_children())]
+    assert len(bars) == 2
+    (segment,) = bars[0].lines[2][0].get_segments()
+    np.testing.assert_allclose(segment, [(2.0, 14.0), (2.0, 15.0)])
+    assert to_hex(bars[0].lines[2][0].get_color()[0]) == COLOURS[0].lower()
+    assert max(point[1] for point in bars[1].lines[2][0].get_segments()[0]) == 17.0
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels[-2:] == ["target: allowed force", "published force"]
+    assert not force_figure(log(), targets=targets[2:]).axes[0].containers
 
 
 def test_error_is_force_less_model():
@@ -81,7 +121,7 @@ def legend(figure):
 
 def test_the_run_of_a_scenario_without_variants_is_called_by_what_is_shown():
     figures = run_figures(log(("default",)))
-    assert legend(figures["force"]) == ["reference", "measured force", "reference model"]
+    assert legend(figures["force"]) == ["reference", "within 5 % and 2 %", "measured force", "reference model"]
     assert legend(figures["model_error"]) is None
 
 

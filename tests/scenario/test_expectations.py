@@ -7,6 +7,7 @@ import json
 import pytest
 
 from forcectl.errors import BadInputError
+from forcectl.runs.terminal.tables import in_words
 from forcectl.scenario.expectations import Expectation, Other, Term, Tolerance, Verdict, judge
 
 METRICS = {
@@ -197,3 +198,26 @@ def test_distance_needs_the_other_variant_and_the_other_way_round():
         Expectation(target="t", metric="overshoot_pct", distance_to=Other(variant="a"), maximum=0.3)
     with pytest.raises(BadInputError, match="until_pct"):
         Other(variant="a", until_pct=101.0)
+
+
+@pytest.mark.parametrize(
+    ("ours", "passed", "stale"), [(10.4, False, False), (9.9, True, False), (9.0, True, True), (1.0, True, False)]
+)
+def test_a_known_gap_that_is_met_by_more_than_it_may_drift_is_out_of_date(ours, passed, stale):
+    """At a bound another version may miss it again."""
+    wanted = {
+        "metric": "overshoot_pct",
+        "minimum": 0.8,
+        "maximum": 10.0,
+        "expected": 9.0,
+        "drift": Tolerance(absolute=0.5),
+    }
+    line = Expectation(target="t", **wanted, gaps={"Multibody": "joint 2 sticks"})
+    one = judge(line, {"a": {"overshoot_pct": ours}}, ["a"], "Multibody")
+    assert (one.passed, one.stale) == (passed, stale)
+    assert one.as_row().get("stale", False) == stale
+    assert Verdict.from_row("t", one.as_row()) == one
+    assert not judge(line, {"a": {"overshoot_pct": ours}}, ["a"], "Kinematic").stale
+    said = in_words(one)
+    assert ("out of date: joint 2 sticks" in said) == stale
+    assert ("met at its bound: joint 2 sticks" in said) == (passed and not stale)

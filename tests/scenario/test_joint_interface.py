@@ -60,9 +60,9 @@ def test_a_run_leaves_what_every_run_leaves(short, monkeypatch, capfd):
     assert (code, output.err) == (0, "")
     assert "tracking_error_rad" in output.out
     folder = short.parent / "here"
-    for name in ("log.nc", "scenario.yaml", "manifest.json", "metrics.json", "diagram.svg", "replay_2.html"):
+    for name in ("log.nc", "scenario.yaml", "manifest.json", "metrics.json", "diagram.svg", "replay_elastic.html"):
         assert (folder / name).stat().st_size > 100, name
-    assert {path.stem for path in (folder / "figures").iterdir()} == {"motion", "forces_1", "forces_2"}
+    assert {path.stem for path in (folder / "figures").iterdir()} == {"motion", "forces_rigid", "forces_elastic"}
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["fidelity"] == "Multibody"
     assert manifest["expectations"]["loads"]["pass"] is True
@@ -191,4 +191,4 @@ def test_reproduce_runs_what_has_one_fidelity_on_that_whatever_is_asked_for(shor
     report = fc.reproduce([short], fidelity="Kinematic", workers=1, out="rep")
     (part,) = report.parts
     assert (part.fidelity, report.passed) == ("Multibody", True)
-    assert (short.parent / "rep" / "short" / "Multibody" / "figures" / "forces_2.png").exists()
+    assert (short.parent / "rep" / "short" / "Multibody" / "figures" / "forces_elastic.png").exists()

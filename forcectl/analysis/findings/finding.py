@@ -69,15 +69,21 @@ KINDS: dict[str, Kind] = {
     "contact_bounced": Kind(Severity.WARNING, "the tool left the surface for a moment while a force was wanted"),
     "no_contact": Kind(Severity.ERROR, "a force was wanted, and the tool never touched the surface"),
     "force_too_high": Kind(Severity.ERROR, "the true force was above the stated maximum"),
-    "unstable": Kind(Severity.ERROR, "the true force swings more and more under a constant reference"),
-    "limit_cycle": Kind(Severity.WARNING, "the true force keeps swinging under a constant reference"),
+    "unstable": Kind(
+        Severity.ERROR,
+        "the true force swings more and more under a constant reference, or nothing but losses of contact bounds it",
+    ),
+    "limit_cycle": Kind(
+        Severity.WARNING,
+        "the true force keeps swinging under a constant reference; an error where it swings by more than half of that",
+    ),
     "force_disturbed": Kind(
         Severity.WARNING, "the true force had settled, and was taken off its constant reference by more than a fifth"
     ),
     "stick_slip": Kind(Severity.WARNING, "a joint sticks and lets go, again and again, while its command moves on"),
     "not_settled": Kind(
         Severity.WARNING,
-        "the true force is off its constant reference at the end of the run; an info while it is on its way",
+        "the true force is off its constant reference at the end of a hold; an info while it is on its way",
     ),
     "chatter": Kind(Severity.WARNING, "a command at rest turns round many times a second"),
     "command_beyond_limits": Kind(Severity.ERROR, "the commanded motion is beyond limits of the joints"),

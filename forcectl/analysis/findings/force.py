@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from forcectl.analysis.findings.finding import RunFinding, Severity, finding
 from forcectl.analysis.findings.readings import reading_findings
-from forcectl.analysis.findings.swings import rests, swinging, turning_points
+from forcectl.analysis.findings.swings import Swinging, rests, swinging, turning_points
 from forcectl.analysis.stretches import stretches
 from forcectl.estimation.environment import COMPLIANCE_BOUNDS
 from forcectl.plant.contact.contact_monitor import contact_lost
@@ -25,9 +26,11 @@ _AT_RANGE = 0.999  # of the range, from where on a filtered reading is that of a
 _TOUCH = 0.02  # of the reference, above which a contact is made that can be lost
 _STANDS = 1e-12  # [m] by which a command that stands still may move
 _TAIL = 0.5  # of a hold of the reference, whose end is looked at
+_LONG = 1.0  # [s] of a hold in the course of a run, whose end is looked at
 _END = 0.1  # of a hold, over which the force is to be settled
 _SWINGS = 4  # that make a limit cycle: two periods
 _GROWING = 6  # swings that tell growth from chance
+_WILD = 0.5  # of the reference, from which on swings to both sides are an error
 _DISTURBED = 0.2  # of the reference, by which a force that had settled is taken off it
 _APPROACHING = 0.9  # share that the error falls to over the last tenths of a hold, where the force is on its way
 
@@ -95,9 +98,7 @@ def force_findings(log: Pressing, ranges: list[float], config: FindingsConfig) -
     yield from _contact(log, config)
     yield from _command(log, config)
     yield from _estimate(log, config)
-    hold = _last_hold(log)
-    if hold is not None:
-        yield from _hold(log, hold, config)
+    yield from _of_holds(log, config)
 
 
 def _sensor(log: Pressing, ranges: list[float]) -> Iterator[RunFinding]:
@@ -192,10 +193,29 @@ def _estimate(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
             )
 
 
-def _last_hold(log: Pressing) -> slice | None:
-    """The last stretch of a run, if the reference is constant and above zero there, in a closed loop at rest."""
+def _of_holds(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
+    """What is found in the holds of the reference: of each kind the worst, with the hold where there are several."""
+    holds = _holds(log)
+    found: dict[str, list[tuple[slice, RunFinding]]] = {}
+    for hold in holds:
+        for one in _hold(log, hold, config):
+            found.setdefault(one.kind, []).append((hold, one))
+    only = len(holds) == 1 and holds[0].stop == len(log.time)
+    for kind in found.values():
+        hold, worst = max(kind, key=lambda each: each[1].severity)
+        if only:
+            yield worst
+            continue
+        begin, end = float(log.time[hold.start - 1]), float(log.time[hold.stop - 1])
+        where = f"in the hold of {log.desired[hold][0]:.4g} N from {begin:.4g} s to {end:.4g} s"
+        others = f" and in {len(kind) - 1} other{'s' * (len(kind) > 2)}" if len(kind) > 1 else ""
+        yield replace(worst, text=f"{worst.text}, {where}{others}")
+
+
+def _holds(log: Pressing) -> list[slice]:
+    """Where the reference is constant and above zero in a closed loop at rest: for long, or to the end of the run."""
     same = np.concatenate([[False], np.diff(log.desired) == 0]) & log.closed & (log.desired > 0)
-    return stretches(same)[-1] if same.size and same[-1] else None
+    return [part for part in stretches(same) if part.stop == len(same) or _lasts(log.time, part) >= _LONG]
 
 
 def _hold(log: Pressing, hold: slice, config: FindingsConfig) -> Iterator[RunFinding]:
@@ -204,19 +224,31 @@ def _hold(log: Pressing, hold: slice, config: FindingsConfig) -> Iterator[RunFin
     tail = slice(int(np.searchsorted(time, time[-1] - _TAIL * (time[-1] - time[0]))), len(time))
     found = swinging(time, true, config.swing_share * wanted, _SWINGS)
     if found is not None:
-        grows = found.swings >= _GROWING and found.growth > config.growth
-        text = (
-            f"the true force {'swings more and more' if grows else 'keeps swinging'}, by +-{found.amplitude:.3g} N "
-            f"({_percent(found.amplitude / wanted)} of the reference) with a period of {found.period:.3g} s"
-        )
-        text = f"unstable: {text}" if grows else f"limit cycle: {text}"
-        yield finding("unstable" if grows else "limit_cycle", text, found.begin)
+        yield _swings(found, time, true, wanted, config)
     elif log.command is not None:
         yield from _chatter(time[tail], log.command[hold][tail], wanted, log.compliance, config)
     yield from _sticking(log, slice(hold.start + tail.start, hold.stop), wanted, config)
     if found is None:
         yield from _disturbed(time, wanted - true, wanted, config)
-        yield from _settled(time, wanted - true, wanted, config)
+        yield from _settled(time, wanted - true, wanted, config, "run" if hold.stop == len(log.time) else "hold")
+
+
+def _swings(found: Swinging, time: Signal, true: Signal, wanted: float, config: FindingsConfig) -> RunFinding:
+    """A limit cycle, or an unstable loop: its swings grow, or nothing but the loss of contact keeps them from it."""
+    grows = found.swings >= _GROWING and found.growth > config.growth
+    half = time >= (found.begin + time[-1]) / 2
+    losses, periods = len(stretches(half & (true == 0.0))), float(time[-1] - time[half][0]) / found.period
+    leaves = 2 * losses >= periods
+    text = (
+        f"the true force {'swings more and more' if grows else 'keeps swinging'}, by +-{found.amplitude:.3g} N "
+        f"({_percent(found.amplitude / wanted)} of the reference) with a period of {found.period:.3g} s"
+    )
+    if grows:
+        return finding("unstable", f"unstable: {text}", found.begin)
+    if leaves:
+        return finding("unstable", f"unstable: {text}: only the loss of contact bounds it", found.begin)
+    cycle = finding("limit_cycle", f"limit cycle: {text}", found.begin)
+    return replace(cycle, severity=Severity.ERROR) if found.amplitude > _WILD * wanted else cycle
 
 
 def _disturbed(time: Signal, error: Signal, wanted: float, config: FindingsConfig) -> Iterator[RunFinding]:
@@ -235,8 +267,16 @@ def _disturbed(time: Signal, error: Signal, wanted: float, config: FindingsConfi
         yield finding("force_disturbed", f"{text}, from {begin:.3f} s on", begin)
 
 
-def _settled(time: Signal, error: Signal, wanted: float, config: FindingsConfig) -> Iterator[RunFinding]:
-    """Whether the force is within its band at the end of a hold, unless that is too short to tell."""
+def _settled(time: Signal, error: Signal, wanted: float, config: FindingsConfig, what: str) -> Iterator[RunFinding]:
+    """Whether the force is within its band at the end of a hold, unless that is too short to tell.
+
+    Args:
+        time: of the hold [s].
+        error: reference minus true force [N].
+        wanted: reference [N].
+        config: thresholds.
+        what: ends with the hold: "run" or "hold".
+    """
     if len(time) < round(1 / _END):
         return
     begin, last = (int((1 - share) * len(time)) for share in (2 * _END, _END))
@@ -244,12 +284,12 @@ def _settled(time: Signal, error: Signal, wanted: float, config: FindingsConfig)
     if off <= config.settled_share * wanted:
         return
     text = (
-        f"not settled: at the end of the run the true force is {wanted - error[-1]:.4g} N, up to {off:.3g} N off its "
-        f"reference in the last tenth of {time[-1] - time[0]:.3g} s"
+        f"not settled: at the end of the {what} the true force is {wanted - error[-1]:.4g} N, up to {off:.3g} N off "
+        f"its reference in the last tenth of {time[-1] - time[0]:.3g} s"
     )
     same_side = (error[begin:] > 0).all() or (error[begin:] < 0).all()
     if same_side and np.abs(error[last:]).mean() < _APPROACHING * np.abs(error[begin:last]).mean():
-        text = f"{text}, and on its way: a longer run would tell"
+        text = f"{text}, and on its way: a longer {what} would tell"
         yield RunFinding("not_settled", Severity.INFO, text, float(time[-1]))
     else:
         yield finding("not_settled", text, float(time[-1]))

@@ -26,6 +26,7 @@ _PULL = 0.02  # of the range, below which the reading of a surface that cannot p
 _TURNS = 0.03  # [s] from the first touch until sensor, estimate and drive turn a motion round
 _OVER = 1.2  # of maximum_force, which a touch may come to
 _FORGOTTEN = 2.0  # [s] after which energy that went into a surface counts for a third
+_LOSSES = 8  # of contact that are no hopping
 _DEEPER = 0.05  # of the range: what a live sensor shows of the way for it
 
 
@@ -96,7 +97,9 @@ class GuardConfig(Config):
             response=self.least_response,
             energy=self.energy + 0.5 * own * force**2,
             keep=math.exp(-period / _FORGOTTEN),
-            search=self.search_distance,
+            # A surface that pulls is never lost.
+            search=math.inf if model.pulls else self.search_distance,
+            losses=math.inf if model.pulls else _LOSSES,
             patience=max(self.patience / period, 1.0),
             retreats=self.retreats,
             retreat=self.retreat_distance,

@@ -43,7 +43,6 @@ _NEAR = 3  # ticks missed after which a reading that goes on as before counts at
 _TINY = 1e-9  # [m] of a distance
 FELT = 0.05  # of the desired force, below which a surface is not felt
 _MADE = 0.25  # of the desired force, above which a contact is made that can be lost
-LOSSES = 8  # of contact that are no hopping
 _RECOVERY = 0.1  # of a tick held, that a sound tick makes up for
 _SENSED = 0.5  # [N] below which a reading does not show that a sensor answers
 _RELEASED = 0.8  # of the largest force, at which a retreat may end
@@ -102,7 +101,8 @@ class GuardLimits(NamedTuple):
         response: least reading, in what the way into the surface is worth [1].
         energy: largest that goes into the surface [J].
         keep: of the energy, in a tick [1].
-        search: way beyond the last contact on which a surface is looked for [m].
+        search: way beyond the last contact on which a surface is looked for [m]; infinite where surfaces pull.
+        losses: of contact that are no hopping; infinite where surfaces pull.
         patience: ticks that are held before a retreat.
         retreats: that are made before it stops.
         retreat: distance [m].
@@ -128,6 +128,7 @@ class GuardLimits(NamedTuple):
     energy: float
     keep: float
     search: float
+    losses: float
     patience: float
     retreats: int
     retreat: float
@@ -254,7 +255,7 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
     if coming > limits.force:
         fast = limits.compliance * min(estimate - aim + _LEAP * limits.ahead * max(rate, 0.0), _MOST * limits.force)
         fault = Cause.FORCE
-    elif losses > LOSSES or (good < FELT * asked and felt - depth > limits.search):
+    elif losses > limits.losses or (good < FELT * asked and felt - depth > limits.search):
         fault = Cause.CONTACT
     elif energy > limits.energy:
         fault = Cause.ENERGY

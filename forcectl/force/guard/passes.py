@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from forcectl.force.guard.kernel import FELT, LOSSES, TOGETHER, GuardLimits
+from forcectl.force.guard.kernel import FELT, TOGETHER, GuardLimits
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def _lost(limits: GuardLimits, desired: Array, measured: Array, command: Array) 
     losses = np.count_nonzero(feels[asks][:-1] & ~feels[asks][1:])
     last = np.maximum.accumulate(np.where(feels & asks, tick, -1))
     too_far = (last >= 0) & ~feels & (before[last] - before > limits.search * (1.0 - _ROUNDING))
-    return bool(losses > LOSSES or too_far.any())
+    return bool(losses > limits.losses or too_far.any())
 
 
 def _answers(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:

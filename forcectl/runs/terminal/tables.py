@@ -149,13 +149,14 @@ def in_words(v: Verdict) -> str:
 
 
 def _said(v: Verdict, between: str) -> str:
-    """What there is to say of a verdict: its note, and why it is known to be missed."""
-    gap = f"known gap: {v.gap}" if v.gap and v.passed is False else ""
+    """What there is to say of a verdict: its note, and why it is known to be missed, or that it no longer is."""
+    begin = "met, so that its known gap is out of date" if v.stale else "met at its bound" if v.passed else "known gap"
+    gap = f"{begin}: {v.gap}" if v.gap and v.passed is not None else ""
     return between.join(filter(None, (v.note, gap)))
 
 
 def reproduction_lines(parts: Iterable[tuple[str, Sequence[Verdict]]]) -> Table:
-    """A line for each experiment, and below it what it missed or where it drifted.
+    """A line for each experiment, and below it what it missed, where it drifted, and gaps that are met.
 
     Args:
         parts: heading and verdicts of each.
@@ -167,7 +168,7 @@ def reproduction_lines(parts: Iterable[tuple[str, Sequence[Verdict]]]) -> Table:
         colour = "green" if met == len(judged) else "bold red" if any(v.surprising for v in judged) else "yellow"
         lines.add_row(f"[{colour}]{met} of {len(judged)}[/]", escape(heading))
         for v in verdicts:
-            if v.passed is False or v.drifted:
+            if v.passed is False or v.gap or v.drifted:
                 lines.add_row(f"  {verdict(v)}", Text(in_words(v)))
     return lines
 

@@ -131,6 +131,65 @@ def test_a_limit_cycle_is_told_with_its_amplitude_and_period() -> None:
     )
 
 
+LATER = {
+    "steps down": {"reference": SequenceConfig(times=[0.0, 5.0], forces=[15.0, 8.0])},
+    "moves": {"motion.speed": 0.02, "motion.distance": 0.05, "motion.start_time": 5.0},
+}
+
+
+@pytest.mark.parametrize("then", LATER)
+def test_what_a_hold_shows_is_told_whatever_comes_after_it(then: str) -> None:
+    """A loop that swings for 5 s, and has less than a second left for what comes then."""
+    run = {STIFFNESS: 9e3, "reference.force": 15.0, "duration": 5.5} | LATER[then]
+    hunts = [one for one in found(**run, **{GAIN: 4.5}) if one.kind in ("limit_cycle", "stick_slip")]
+    assert [one.kind for one in hunts] == ["limit_cycle", "stick_slip"]
+    for one in hunts:
+        assert one.text.endswith(", in the hold of 15 N from 0 s to 4.998 s")
+    calm = found(**run, **{GAIN: 1.5})
+    assert [one.kind for one in calm if one.severity > Severity.INFO] == []
+
+
+SWING = np.sin(2 * np.pi * TIME / 0.25)
+STEPS = np.where(TIME < 1.2, 10.0, np.where(TIME < 2.6, 20.0, 5.0))
+
+
+def test_equal_findings_of_several_holds_are_one_line_that_says_where() -> None:
+    (one,) = judged(STEPS * (1 + 0.1 * SWING), desired=STEPS)
+    assert (one.kind, one.severity) == ("limit_cycle", Severity.WARNING)
+    assert one.text.endswith("a period of 0.25 s, in the hold of 10 N from 0 s to 1.198 s and in 2 others")
+    (one,) = judged(STEPS * (1 + 0.1 * SWING * (TIME > 1.2) * (TIME < 2.6)), desired=STEPS)
+    assert one.text.endswith("in the hold of 20 N from 1.2 s to 2.598 s")
+    assert judged(STEPS, desired=STEPS) == []
+    # What is shorter than a second says nothing of its end.
+    short = np.where(TIME < 0.9, 10.0, 20.0)
+    assert judged(short * (1 + 0.1 * SWING * (TIME < 0.9)), desired=short) == []
+
+
+def test_a_force_that_is_off_at_the_end_of_an_earlier_hold_is_not_settled() -> None:
+    (one,) = judged(np.where(TIME < 1.2, 8.0, STEPS), desired=STEPS)
+    assert (one.kind, one.severity) == ("not_settled", Severity.WARNING)
+    assert one.text.startswith("not settled: at the end of the hold the true force is 8 N")
+    slow = np.where(TIME < 1.2, 10.0 * (1 - np.exp(-2 * TIME)), STEPS)
+    (one,) = judged(slow, desired=STEPS)
+    assert (one.severity, "a longer hold would tell" in one.text) == (Severity.INFO, True)
+
+
+def test_swings_that_only_the_loss_of_contact_bounds_are_unstable() -> None:
+    (one, lost) = sorted(judged(np.maximum(10.0 + 14.0 * SWING, 0.0)), key=lambda each: each.kind != "unstable")
+    assert (one.kind, one.severity, lost.kind) == ("unstable", Severity.ERROR, "contact_lost")
+    assert one.text.endswith("with a period of 0.248 s: only the loss of contact bounds it")
+    # One loss at first, and swings that go on without any.
+    first = {each.kind: each for each in judged(np.maximum(10.0 + np.where(TIME < 0.5, 14.0, 3.0) * SWING, 0.0))}
+    assert first["limit_cycle"].severity == Severity.WARNING
+    (wild,) = judged(10.0 + 6.0 * SWING)
+    assert (wild.kind, wild.severity) == ("limit_cycle", Severity.ERROR)
+
+
+@pytest.mark.parametrize(("gain", "unstable"), [(16.0, True), (12.5, False)])
+def test_a_linear_loop_that_loses_contact_at_each_swing_is_unstable(gain: float, unstable: bool) -> None:
+    assert ("unstable" in {one.kind for one in found(**LINEAR, **{GAIN: gain, "duration": 2.5})}) == unstable
+
+
 def test_swings_that_die_down_or_are_small_are_no_limit_cycle() -> None:
     assert judged(10.0 + 8.0 * np.exp(-1.2 * TIME) * np.sin(2 * np.pi * TIME / 0.4)) == []
     assert judged(10.0 + 0.05 * np.sin(2 * np.pi * TIME / 0.5)) == []

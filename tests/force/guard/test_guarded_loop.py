@@ -126,6 +126,14 @@ def test_a_wrong_sign_ends_in_a_stop():
     assert signal(run, "status")[-1] == STOP + 10
 
 
+def test_a_spring_that_pulls_is_never_lost():
+    """An unstable loop, in which the command goes 10 mm beyond where the force was last above zero."""
+    linear = {"fidelity": "OneDimensional", "environment": {"stiffness": 5.9e3, "one_sided": False}}
+    run = outcome(fc.force.IntegralConfig(integral_gain=20.0), 1.0, station=linear, preset="linear")
+    assert signal(run, "contact_force").min() < -15.0
+    assert not signal(run, "status").any()
+
+
 @pytest.mark.parametrize("stiffness", [5e4, 3e5])
 @pytest.mark.parametrize("maximum", [25.0, 40.0])
 def test_the_true_force_stays_below_its_maximum(stiffness, maximum):

@@ -34,6 +34,7 @@ def limits(bandwidth: float, noisy: bool, compliance: float = 1.0, energy: float
         energy=energy,
         keep=0.999,
         search=0.01,
+        losses=8,
         patience=150.0,
         retreats=3,
         retreat=0.01,

@@ -43,7 +43,7 @@ def test_a_replay_is_one_self_contained_page(tmp_path, capfd, without_pictures, 
 def test_every_variant_has_its_own_page(tmp_path):
     fc.run("fig_2_7", overrides={"duration": 0.1}, out=tmp_path / "run", replay=True)
     pages = sorted(path.name for path in (tmp_path / "run").glob("replay*"))
-    assert pages == ["replay_1.html", "replay_2.html", "replay_3.html"]
+    assert pages == [f"replay_K_I-{gain}-1-s.html" for gain in ("1.5", "3", "4.5")]
 
 
 @pytest.mark.slow
