@@ -221,6 +221,8 @@ MISBEHAVE: dict[tuple[str, str], set[str]] = {
     ("fig_6_5", "position-based"): {"not_settled"},  # which pulls back to the start
     ("fig_6_5", "position-based, real"): {"not_settled"},
     ("governor_limits", "horizon of 20"): {"contact_bounced", "limit_cycle"},
+    # It may not go to 20 N, and at the limit the reference has the noise of the force 295 times.
+    ("governor_limits", "predicted force at most 15 N"): {"not_settled", "chatter", "stick_slip"},
     ("mismatch_2_14", "compliance -20 %"): _HUNTS,
     ("mismatch_2_14", "compliance exact"): _HUNTS,
     ("mismatch_2_14", "compliance +20 %"): _HUNTS,

@@ -315,7 +315,7 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
         return alpha_for_uncertainty(self.compliance_ratio, for_rate)
 
     def _check_gamma(self, model: PlantModel, bandwidth: float) -> None:
-        """BadInputError unless a stated uncertainty of the compliance leaves enough acceleration to brake with gamma."""
+        """BadInputError unless the acceleration suffices to brake with gamma at the largest compliance stated."""
         if self.compliance_ratio == 1:
             return
         largest = float(np.max(self.compliance_ratio * self.compliance_error * model.total_compliance))

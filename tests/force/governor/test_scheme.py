@@ -38,7 +38,9 @@ def test_it_does_what_the_governed_loop_does(pole, wanted, n, true, weight):
     known = {"inner_pole": pole, "reference_pole": wanted, "reference_weight": weight, "period": PERIOD}
     governed = model_loop(CommandGovernor(1, delay=n * PERIOD, **known), true, pole)
     scheme = EquivalentScheme(delay_ticks=n, true_delay_ticks=true, **known)
-    expected, found = (run_diagram(d, 0.8, period=PERIOD, inputs={"desired_force": desired}) for d in (governed, scheme))
+    expected, found = (
+        run_diagram(d, 0.8, period=PERIOD, inputs={"desired_force": desired}) for d in (governed, scheme)
+    )
     size = np.abs(expected["governed_reference"]).max()
     for name in ("governed_reference", "force"):
         np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-11 * size)
