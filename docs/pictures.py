@@ -26,6 +26,8 @@ from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import describe
 from forcectl.figures.force import COLOURS, force_figure, frame
+from forcectl.force.governor.scheme import EquivalentScheme
+from forcectl.force.governor.stability import feedback_weight, spectral_radius
 from forcectl.force.invariance.force_law import one_step_acceleration
 from forcectl.force.invariance.functions import invariance_function, set_distance, set_distance_rate, taylor
 from forcectl.motion.trajectory import Planner, Target, begin, limits_of
@@ -45,6 +47,8 @@ def main() -> None:
     draw_quartic(IMAGES / "fig_3_2.png")
     draw_invariant_set(IMAGES / "fig_3_3.png")
     draw_virtual_state(IMAGES / "fig_3_8.png")
+    fc.graph(EquivalentScheme()).save(IMAGES / "fig_4_13.svg")
+    draw_governor_stability(IMAGES / "fig_4_13_poles.png")
 
 
 def draw_fast_contact(target: Path) -> None:
@@ -142,6 +146,30 @@ def draw_virtual_state(target: Path) -> None:
     axes.set(xlabel="τ [s]", ylabel="p(τ)", ylim=(-2.0, 2.5))
     frame(axes)
     axes.legend(frameon=False, loc="upper left")
+    figure.savefig(target, dpi=110, metadata={"Software": None})
+    print(f"wrote {target.name}")
+
+
+def draw_governor_stability(target: Path) -> None:
+    """The poles of the scheme of Fig. 4.13: spectral radius over the true delay, for the governors that are shipped."""
+    pole, true = 0.997, np.arange(0, 161)
+    governors = {
+        "printed: N = 40, horizon 1": (40, 1e-3, 1),
+        "N = 0": (0, 1e-3, 1),
+        "N = 80": (80, 1e-3, 1),
+        "horizon 20, printed weights": (40, 1e-3, 20),
+        "horizon 20, Q_r = 0.05": (40, 0.05, 20),
+    }
+    figure = Figure(figsize=(7.5, 4.0), layout="constrained")
+    axes = figure.subplots()
+    for (name, (n, weight, horizon)), colour in zip(governors.items(), COLOURS, strict=False):
+        alpha = feedback_weight(pole, n, 1.0, weight, horizon=horizon)
+        radius = [spectral_radius(pole, alpha, n, int(ticks)) for ticks in true]
+        axes.plot(0.002 * true, radius, color=colour, lw=1.8, label=f"{name}: α = {alpha:.3g}")
+    axes.axhline(1.0, color="#303030", lw=1.0, ls=":")
+    axes.set(xlabel="true delay of the inner loop [s]", ylabel="spectral radius")
+    frame(axes)
+    figure.legend(*axes.get_legend_handles_labels(), ncols=2, frameon=False, loc="outside upper center")
     figure.savefig(target, dpi=110, metadata={"Software": None})
     print(f"wrote {target.name}")
 

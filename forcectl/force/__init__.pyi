@@ -23,6 +23,7 @@ from forcectl.force.chain import ForceChain as ForceChain
 from forcectl.force.governor.governor import CommandGovernor as CommandGovernor
 from forcectl.force.governor.governor import GovernedConfig as GovernedConfig
 from forcectl.force.governor.governor import GovernedForceLaw as GovernedForceLaw
+from forcectl.force.governor.scheme import EquivalentScheme as EquivalentScheme
 from forcectl.force.governor.stability import StabilityReport as StabilityReport
 from forcectl.force.governor.stability import stability_report as stability_report
 from forcectl.force.guard.config import GuardConfig as GuardConfig

@@ -9,6 +9,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, System
 
 from forcectl.force.governor.governor import CommandGovernor, GovernedConfig, GovernedForceLaw
+from forcectl.force.governor.scheme import EquivalentScheme
 from forcectl.force.integral import IntegralConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.testing.runs import Input
@@ -33,6 +34,14 @@ GOVERNOR_EXAMPLES: dict[type[System], list[Example]] = {
     CommandGovernor: [
         Example(partial(CommandGovernor, 2, delay=0.01, **further), feedthrough("governed_reference", "status"), FORCES)
         for further in ({}, {"upper_limit": 30.0, "rate_limit": 2e3}, {"horizon": 4, "upper_force": 10.0})
+    ],
+    EquivalentScheme: [
+        Example(
+            partial(EquivalentScheme, delay_ticks=3, true_delay_ticks=2),
+            {("desired_force", "governed_reference")},
+            {"desired_force": 12.0},
+            periods={"period": 0.002},
+        )
     ],
     GovernedForceLaw: [
         Example(

@@ -105,6 +105,18 @@ def tips(log: dict[str, np.ndarray]) -> np.ndarray:
     return np.array(places[1:]) - places[0]
 
 
+def turns(log: dict[str, np.ndarray]) -> np.ndarray:
+    """Rotation vector of the tool from the start (ticks, 3) [rad]."""
+    model = robot_plant_model()
+    context = model.robot.create_context()
+    rotations = []
+    for q in [model.start, *log["joint_position_command"]]:
+        model.robot.set_positions(context, q)
+        rotations.append(model.robot.pose(context).rotation())
+    angles = [(rotation @ rotations[0].inverse()).ToAngleAxis() for rotation in rotations[1:]]
+    return np.array([each.angle() * each.axis() for each in angles])
+
+
 def assert_smooth(log: dict[str, np.ndarray], used: JointLimits | None = None) -> None:
     """Everything is finite, and the command keeps the joint limits: its speed is continuous."""
     used = used or limits()

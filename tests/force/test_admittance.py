@@ -22,6 +22,7 @@ from forcectl.force.admittance import (
 )
 from forcectl.plant.plant_model import PlantModel
 from forcectl.testing import Log, run_diagram
+from tests.force.baselines import ideal_plant
 
 TS = 0.004
 # Fig. 6.5
@@ -180,6 +181,27 @@ def test_as_a_force_law_it_is_an_integral_law_after_h_over_d():
     """dx_bar' = (F - F_bar)/D: with 10 N missing 0.2 m/s into the surface."""
     log = run(law(), 100, desired_force=15.0, measured_force=5.0)
     np.testing.assert_allclose(np.diff(log["displacement_command"][50:, 0]) / TS, -10.0 / D, rtol=1e-9)
+
+
+@pytest.mark.parametrize("arrangement", ARRANGEMENTS)
+@pytest.mark.parametrize("compliance", [ideal_plant.C_T, 0.5 * ideal_plant.C_T])
+def test_the_loop_on_the_ideal_plant_is_that_of_the_printed_equations(arrangement, compliance):
+    """(6.2), (6.5) and Algorithm 3 with the target velocity 0, around F[k] = -dx_bar[k-1]/C_T."""
+    config = AdmittanceConfig(inertia=26.5, damping=2650.0, arrangement=arrangement)
+    found = ideal_plant.pressed(config, 1000, compliance)["contact_force"][:, 0]
+    Ts = ideal_plant.PERIOD
+    x = v = 0.0
+    force = [0.0]
+    for _ in range(999):
+        mu = force[-1] - ideal_plant.FORCE
+        # The generator stands, or stops within the tick what the robot moves with.
+        stop = -v / Ts if arrangement == "increment" else 0.0
+        generated, dx = (x + Ts * v + Ts**2 / 2 * stop, 0.0) if arrangement == "increment" else (0.0, x)
+        a = (mu - config.damping * v) / config.inertia
+        x, v = generated + dx + Ts * v + Ts**2 / 2 * a, v + Ts * a
+        force.append(-x / compliance)
+    np.testing.assert_allclose(found, force, rtol=0, atol=1e-9)
+    assert force[-1] == pytest.approx(ideal_plant.FORCE, abs=1.0)
 
 
 def test_parameters_are_in_the_context():

@@ -251,6 +251,9 @@ MISBEHAVE: dict[tuple[str, str], dict[str, set[str]]] = {
     ("fig_6_5", "position-based"): on(["OneDimensional"], "not_settled"),  # which pulls back to the start
     ("fig_6_5", "position-based, real"): on(["OneDimensional"], "not_settled"),
     ("governor_limits", "horizon of 20"): on(["Multibody"], "contact_bounced", "limit_cycle"),
+    # It may not go to 20 N, and at the limit the reference has the noise of the force 295 times.
+    ("governor_limits", "predicted force at most 15 N"): on(["Multibody"], "not_settled", "chatter", "stick_slip")
+    | on(["OneDimensional"], "not_settled", "chatter"),
     ("mismatch_2_14", "compliance -20 %"): on(["Multibody"], "limit_cycle"),
     ("mismatch_2_14", "compliance exact"): on(_EVERY, *_HUNTS),
     ("mismatch_2_14", "compliance +20 %"): on(_EVERY, *_HUNTS),

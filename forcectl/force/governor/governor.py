@@ -34,6 +34,7 @@ from forcectl.force.governor.program import (
     model_step,
     over_horizon,
 )
+from forcectl.force.governor.stability import StabilityReport, feedback_weight, stability_report
 from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order, whole_multiple
 from forcectl.framework.cache import scratch
@@ -328,6 +329,18 @@ class GovernedConfig(Config):
     def law_of(self, arm: str) -> Any:
         """The law that is governed, whichever arm presses."""
         return self.law
+
+    def stability(self, period: float, *, true_delay_ticks: Sequence[int]) -> StabilityReport:
+        """For which true delays of the inner loop this governor is stable, as long as no limit acts (Sec. 4.6.2).
+
+        Args:
+            period: tick [s].
+            true_delay_ticks: Nbar, see `stability_report`.
+        """
+        inner = 1.0 - period * float(self._inner_bandwidth() or 0.0)
+        ticks = whole_multiple("delay", self.delay, period, "period")
+        alpha = feedback_weight(inner, ticks, self.output_weight, self.reference_weight, horizon=self.horizon)
+        return stability_report(inner, ticks, alpha, true_delay_ticks=true_delay_ticks)
 
     def governor(self, model: PlantModel) -> CommandGovernor:
         """The governor alone.

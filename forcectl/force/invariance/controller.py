@@ -49,6 +49,7 @@ from forcectl.robot.robot_motion import (
     RobotMotion,
     TipPose,
     constant_jacobian_pose,
+    orientation_error,
     tip_pose,
 )
 from forcectl.tasks.constraints.base import Constraint, ConstraintSet, ForceLimit, Rows, checked_limits
@@ -192,7 +193,7 @@ class InvarianceController(SampledBlock):
         self._constraints = ConstraintSet(everything, limits, self._origin, self._period, constraint_gamma)
 
         self._outputs = tuple(outputs)
-        self._axes = np.vstack([model.n, *(output.axis for output in outputs)])
+        self._axes = np.vstack([np.append(np.zeros(3), model.n), *(output.row for output in outputs)])
         if not np.allclose(self._axes @ self._axes.T, np.eye(len(self._axes)), atol=1e-6):
             raise BadInputError("their axes must be perpendicular to the normal and to each other", key="outputs")
         for output in outputs:
@@ -335,11 +336,12 @@ class InvarianceController(SampledBlock):
             good, now = False, last
 
         motion = self._motion(context, q, v)
-        x = (self._axes @ (motion.position - self._origin.position)).tolist()
-        rate = self._axes @ motion.velocity[3:]
+        angle = np.arcsin(np.clip(orientation_error(self._origin.rotation, motion.rotation), -1.0, 1.0))
+        x = (self._axes @ np.append(angle, motion.position - self._origin.position)).tolist()
+        rate = self._axes @ motion.velocity
         rates = rate.tolist()
         missed = (rate - memory["foreseen_outputs"]) / Ts
-        along = Along(self._axes @ motion.jacobian[3:], self._axes @ motion.bias[3:], missed)
+        along = Along(self._axes @ motion.jacobian, self._axes @ motion.bias, missed)
         in_sensor, lead = memory["in_sensor"].tolist(), 0.0
         if self._sensor is not None:
             moved = x[0] + (along.rows[0] @ (inputs["motor_position"] - q)).item()

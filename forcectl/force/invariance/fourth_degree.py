@@ -22,9 +22,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from forcectl.errors import invalid, unknown
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.adaptive_force_law import AdaptiveLawConfig
-from forcectl.force.invariance.functions import FLOAT_MATH, invariance_4
+from forcectl.force.invariance.functions import (
+    FLOAT_MATH,
+    alpha_for_rate,
+    alpha_for_uncertainty,
+    invariance_4,
+    least_gamma,
+)
 from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
 from forcectl.framework.fields import Config, key
@@ -253,8 +259,19 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
     upper: float | None = key(
         None, "largest y^(4) of the force; null: -gamma", unit="N/s^4", bounds="positive", each=True
     )
-    alpha: float = key(3.0, "factor of the virtual state", bounds="not negative", each=True)
-    compliance_ratio: float = key(1.0, "C_T,max/C_T,min (3.82), how uncertain C_T is", bounds="at least 1")
+    alpha: float | None = key(
+        None,
+        "factor of the virtual state; null: 3, or what compliance_ratio and force_rate ask for (3.81)*, (3.84)*",
+        bounds="not negative",
+        each=True,
+    )
+    compliance_ratio: float = key(
+        1.0, "C_T,max/C_T,min (3.82), how uncertain C_T is; above 1 gamma is checked, too (3.67)*", bounds="at least 1"
+    )
+    force_rate: float | None = key(
+        None, "largest rate of the force wanted while force_rate_error is missing", unit="N/s", bounds="positive"
+    )
+    force_rate_error: float | None = key(None, "see force_rate", unit="N", bounds="positive")
     bandwidth: float | None = key(
         None,
         "w of the lag from command to force; null: that of the force sensor",
@@ -281,17 +298,47 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.compliance_ratio > 1 and not self.alpha > (least := self.compliance_ratio - 1):
+        if (self.force_rate is None) != (self.force_rate_error is None):
+            raise BadInputError(" must be given with force_rate, or neither of them", key="force_rate_error")
+        if self.alpha is None or self.compliance_ratio == 1:
+            return
+        if not np.all(self.alpha > (least := self.compliance_ratio - 1)):
             raise invalid("alpha", self.alpha, f"above {least:g}, compliance_ratio - 1 (3.84)*: else contact bounces")
 
+    def chosen_alpha(self) -> float:
+        """The factor of the virtual state: the one given, else by what is stated, else that of Fig. 3.10."""
+        if self.alpha is not None:
+            return self.alpha
+        if self.force_rate is None or self.force_rate_error is None:
+            return 3.0 if self.compliance_ratio == 1 else alpha_for_uncertainty(self.compliance_ratio)
+        for_rate = alpha_for_rate(4, float(np.max(self.gamma)), self.force_rate_error, self.force_rate)
+        return alpha_for_uncertainty(self.compliance_ratio, for_rate)
+
+    def _check_gamma(self, model: PlantModel, bandwidth: float) -> None:
+        """BadInputError unless the acceleration suffices to brake with gamma at the largest compliance stated."""
+        if self.compliance_ratio == 1:
+            return
+        largest = float(np.max(self.compliance_ratio * self.compliance_error * model.total_compliance))
+        limit, w = float(np.min(self.acceleration_limit)), float(np.min(bandwidth))
+        least = least_gamma(w, float(np.min(self.damping_ratio)), largest, limit)
+        if not np.all(self.gamma >= least):
+            text = f"at least {least:.4g}, what acceleration_limit brakes with at the largest compliance (3.67)*"
+            raise invalid("gamma", self.gamma, text)
+
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
-        """The block whose model has this total compliance [m/N], or a port for it (None)."""
+        """The block whose model has this total compliance [m/N], or a port for it (None).
+
+        Raises:
+            BadInputError: a gamma that a stated uncertainty of the compliance leaves too little acceleration for.
+        """
+        bandwidth = model.sensor_bandwidth if self.bandwidth is None else self.bandwidth
+        self._check_gamma(model, bandwidth)
         return FourthDegreeForceLaw(
             model.size,
             gamma=self.gamma,
             upper=self.upper,
-            alpha=self.alpha,
-            bandwidth=model.sensor_bandwidth if self.bandwidth is None else self.bandwidth,
+            alpha=self.chosen_alpha(),
+            bandwidth=bandwidth,
             damping_ratio=self.damping_ratio,
             compliance=compliance,
             acceleration_limit=self.acceleration_limit,

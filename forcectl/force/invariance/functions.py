@@ -82,6 +82,64 @@ def set_distance_rate(rate: ArrayLike, acceleration: ArrayLike, gamma: float) ->
     return np.asarray(np.where(speed < 0, -(bent / gamma + 1.0) * speed, -speed))
 
 
+def least_gamma(
+    bandwidth: float,
+    damping_ratio: float,
+    compliance: float,
+    acceleration: float,
+    *,
+    lag: float = 0.0,
+    speed: float = 0.0,
+    command_speed: float = 0.0,
+) -> float:
+    """The largest over the states of the least y^(4) that the control reaches there [N/s^4], (3.67)*.
+
+    A gamma of the law of relative degree 4 below it cannot be kept in all of these states. It is of y^(4) of (3.65)*,
+    linear in state and control. Zero speeds and lag are rest, and an approach at any steady speed, which needs no more.
+
+    Args:
+        bandwidth, damping_ratio: w [rad/s] and z of the lag from command to force.
+        compliance: the largest C_T there may be [m/N].
+        acceleration: largest `|dx_bar''|` of the command [m/s^2].
+        lag: largest `|dx_bar - dx|` [m].
+        speed: largest `|dx'|` [m/s].
+        command_speed: largest `|dx_bar'|` [m/s].
+    """
+    w, z = bandwidth, damping_ratio
+    free = w**4 * abs(1 - 4 * z * z) * lag + 4 * z * w**3 * abs(2 * z * z - 1) * speed + 2 * z * w**3 * command_speed
+    return (free - w * w * acceleration) / compliance
+
+
+def alpha_for_rate(degree: int, gamma: float, force_error: float, force_rate: float) -> float:
+    """The alpha of (3.78) with which braking begins, while dF is missing, at the rate F'max: (3.81)* for degree 3.
+
+    There Phi(xi_hat) = 0 with xi = [-dF, F'max, 0, ...]; a larger alpha brakes earlier. It may be below zero: then the
+    invariant set itself keeps the rate.
+
+    Args:
+        degree: r, at least 2.
+        gamma: bound of y^(r) [N/s^r], < 0.
+        force_error: dF [N], > 0.
+        force_rate: F'max [N/s], > 0.
+    """
+    rises, units = degree * force_error / ((degree - 1) * force_rate), math.factorial(degree - 1) * force_rate
+    return float(rises ** ((degree - 1) / degree) * (-gamma / units) ** (1 / degree) - 1.0)
+
+
+def alpha_for_uncertainty(compliance_ratio: float, for_rate: float = 0.0, margin: float = 1.3) -> float:
+    """The alpha of (3.78) of which C_T_hat/C_T up to `compliance_ratio` leaves `for_rate`, with a margin. (3.84)*
+
+    By (3.83) a compliance believed R times too large leaves (1 + alpha)/R - 1. The contact bounces where nothing is
+    left; 1.3 is what rested on the ideal plant at ratios of 1.5, 2 and 3.
+
+    Args:
+        compliance_ratio: R = C_T,max/C_T,min, at least 1.
+        for_rate: of `alpha_for_rate`, what must be left.
+        margin: of 1 + alpha, above 1.
+    """
+    return margin * compliance_ratio * max(1.0, 1.0 + for_rate) - 1.0
+
+
 def _roots_of_rate(xi: Array, gamma: Array) -> Array:
     """Roots of p', those below zero moved there, shape (..., r - 1): eigenvalues of a companion matrix."""
     degree = xi.shape[-1]

@@ -51,7 +51,7 @@ class Objective:
     """The objective of n joints.
 
     Args:
-        axes: of the k regulated outputs in W, the normal first, (k, 3).
+        axes: spatial ones of the k regulated outputs in W, rotations first, the normal in the first row, (k, 6).
         tracking: of the unconstrained directions.
         singularity_limit: smallest singular value of J that is not damped, inverted [1/m].
         num_joints: n.
@@ -60,7 +60,7 @@ class Objective:
 
     def __init__(self, axes: Vector, tracking: Tracking, singularity_limit: float, num_joints: int, joint_metric: bool):
         self._axes, self._tracking, self._joint_metric = axes, tracking, joint_metric
-        self._across = np.eye(3) - axes.T @ axes
+        self._across = np.eye(6) - axes.T @ axes
         # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
         self._signs = np.array([-1.0] + [1.0] * (len(axes) - 1))
         self._column = self._signs[:, None]
@@ -88,7 +88,7 @@ class Objective:
             missed: see `Along`.
         """
         wanted = self._tracking.acceleration(motion, path, rate, bend, self._across)
-        wanted[3:] += (self._signs * [output.wish for output in outputs] - missed) @ self._axes
+        wanted += (self._signs * [output.wish for output in outputs] - missed) @ self._axes
         return wanted
 
     def level(self, motion: RobotMotion, along: Along, wanted: Vector) -> tuple[Level, bool]:
@@ -101,7 +101,7 @@ class Objective:
             gradient += damping * 2 * self._tracking.bandwidth * motion.v
         # The regulated outputs come first: beside limits that leave too little for all, the rest gives way.
         hessian += _PRIORITY * (along.rows.T @ along.rows)
-        gradient += _PRIORITY * ((along.bias - self._axes @ wanted[3:]) @ along.rows)
+        gradient += _PRIORITY * ((along.bias - self._axes @ wanted) @ along.rows)
         if self._joint_metric:  # the gradient is -u_nom then
             gradient = dposv(hessian, gradient)[1]
             hessian = self._eye

@@ -2,6 +2,7 @@
 
 force        y = -dx_bar - C_T_hat F_bar,    y'' = -dx_bar''                                    (3.44), (3.50)
 coordinate   y = x - x_d,                    y'' = x''                                          (3.37)
+angle        the same with the angle of the tool about an axis
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ Vector = NDArray[np.float64]
 
 
 class Regulated(NamedTuple):
-    """One output at one tick: y [m], y' [m/s], the y'' it asks for and the y'' it allows at most [m/s^2]."""
+    """One output at one tick: y [m], y' [m/s], the y'' it asks for and that it allows at most, in SI units."""
 
     y: float
     rate: float
@@ -38,20 +39,27 @@ class ReferenceState(NamedTuple):
 
 @dataclass(frozen=True)
 class RegulatedCoordinate:
-    """A Cartesian coordinate of the TCP that goes to a set point, beside the force (3.37).
+    """A Cartesian coordinate of the TCP, or an angle of it, that goes to a set point beside the force (3.37).
 
     Attributes:
-        axis: unit vector in W, perpendicular to n and to those of others, (3,).
-        displacement: set point along it from the start [m].
-        gamma: deceleration towards it [m/s^2], < 0.
+        axis: unit vector in W, (3,); of a coordinate perpendicular to n, and each to those of its kind.
+        displacement: set point along it, or about it, from the start [m or rad].
+        gamma: deceleration towards it [m/s^2 or rad/s^2], < 0.
+        turns: whether it is an angle about the axis.
     """
 
     axis: Vector
     displacement: float
     gamma: float
+    turns: bool = False
+
+    @property
+    def row(self) -> Vector:
+        """The axis as a spatial one, rotations first, (6,)."""
+        return np.concatenate([self.axis, np.zeros(3)] if self.turns else [np.zeros(3), self.axis])
 
     def regulate(self, x: float, v: float, period: float) -> Regulated:
-        """At displacement x [m] and speed v [m/s]."""
+        """At displacement x [m or rad] and speed v [m/s or rad/s]."""
         y = x - self.displacement
         a = one_step_acceleration(y, v, self.gamma, -self.gamma, period, SCALAR_MATH)
         return Regulated(y, v, a, a)

@@ -91,11 +91,28 @@ class JointLimitConfig(Config):
 
 @dataclass(kw_only=True)
 class OutputConfig(Config):
-    """A Cartesian coordinate that is regulated beside the force."""
+    """A Cartesian coordinate, or an angle of the tool, that is regulated beside the force."""
 
-    axis: list[float] = key(meaning="in W, perpendicular to normal and other axes", bounds="not all zero", size=3)
-    displacement: float = key(meaning="set point from the start", unit="m")
-    gamma: float = key(-0.1, "deceleration towards it", unit="m/s^2", bounds="below zero")
+    axis: list[float] = key(
+        meaning="in W; that of a coordinate perpendicular to the normal, and each to those of its kind",
+        bounds="not all zero",
+        size=3,
+    )
+    displacement: float | None = key(None, "set point along it from the start", unit="m")
+    angle: float | None = key(None, "set point about it from the start", unit="rad", bounds="from -1 to 1")
+    gamma: float = key(-0.1, "deceleration towards it, of an angle in rad/s^2", unit="m/s^2", bounds="below zero")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.displacement is None) == (self.angle is None):
+            raise BadInputError(" needs either a displacement or an angle, not both", key="axis")
+
+    def output(self) -> RegulatedCoordinate:
+        """What is regulated."""
+        turns = self.angle is not None
+        return RegulatedCoordinate(
+            unit_normal(self.axis), float(self.angle if turns else self.displacement), self.gamma, turns
+        )
 
 
 @dataclass(kw_only=True)
@@ -113,7 +130,7 @@ class InvarianceRobotConfig(Config):
     tracking_acceleration: float = key(2.0, "largest, in the unconstrained directions", unit="m/s^2", bounds="positive")
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
     constraints: list[Any] = slot("constraint", list, "beside those of joints and force")
-    outputs: list[OutputConfig] = key([], "Cartesian coordinates that are regulated beside the force")
+    outputs: list[OutputConfig] = key([], "coordinates and angles that are regulated beside the force")
     solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
@@ -131,7 +148,7 @@ class InvarianceRobotConfig(Config):
             metric=self.metric,
             limits=self.limits.limits(model.known_robot().limits),
             constraints=constraints_of(self.constraints, model),
-            outputs=[RegulatedCoordinate(unit_normal(o.axis), o.displacement, o.gamma) for o in self.outputs],
+            outputs=[output.output() for output in self.outputs],
             tracking_bandwidth=self.tracking_bandwidth,
             tracking_acceleration=self.tracking_acceleration,
             sensor=SensorLag.of(model),

@@ -42,12 +42,14 @@ class Tracking:
             rate, bend: joint speeds and accelerations of the path (n,), turned into the tool's by the Jacobian where it
                 is, 20 us less than by the path's own. On the path they are the same; pressed in by 3 mm at 20 mm/s the
                 tool is led beside it by 1 um.
-            across: projection on the directions that are tracked (3, 3).
+            across: projection on the directions that are tracked (6, 6), rotations and translations apart.
         """
         w = self.bandwidth
         wanted = motion.jacobian @ (2 * w * (rate - motion.v) + bend) + motion.bias
-        wanted[:3] += _pull(orientation_error(motion.rotation, path.rotation), w, self._angular)
-        wanted[3:] = across @ wanted[3:] + _pull(across @ (path.position - motion.position), w, self._linear)
+        turning, moving = across[:3, :3], across[3:, 3:]
+        turned = orientation_error(motion.rotation, path.rotation)
+        wanted[:3] = turning @ wanted[:3] + _pull(turning @ turned, w, self._angular)
+        wanted[3:] = moving @ wanted[3:] + _pull(moving @ (path.position - motion.position), w, self._linear)
         _shorten(wanted[:3], self._angular)
         _shorten(wanted[3:], self._linear)
         return wanted

@@ -38,7 +38,7 @@ def simulated(config, ticks: int, compliance: float = C_T) -> np.ndarray:
 @pytest.mark.parametrize("compliance", [C_T, 0.5 * C_T])
 def test_the_loop_is_that_of_the_printed_equations(config, compliance):
     force = pressed(config, 1000, compliance)["contact_force"][:, 0]
-    np.testing.assert_allclose(force, simulated(config, 1000, compliance), atol=1e-9)
+    np.testing.assert_allclose(force, simulated(config, 1000, compliance), rtol=0, atol=1e-9)
 
 
 def test_at_rest_the_impedance_has_the_error_of_its_model_and_the_adaptation_none():
@@ -94,7 +94,7 @@ def test_that_polynomial_is_the_loop():
     a = ADAPTIVE
     coefficients = np.poly1d(polynomial(a.inertia, a.damping, 0.0, a.adaptation_rate, C_T))(np.poly1d([1.0, -1.0]))
     left = np.convolve(force, coefficients.coeffs, mode="valid")
-    np.testing.assert_allclose(left, 0.0, atol=1e-9)
+    np.testing.assert_allclose(left, 0.0, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("config", [ADAPTIVE, IMPEDANCE, ADAPTED])

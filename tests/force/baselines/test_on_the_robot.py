@@ -6,7 +6,7 @@ import pytest
 
 import forcectl as fc
 
-LAWS = ["PID", "admittance", "adaptive admittance", "impedance", "disturbance observer", "integral, passive"]
+LAWS = ["PI", "PID", "admittance", "adaptive admittance", "impedance", "disturbance observer", "integral, passive"]
 
 
 @pytest.mark.slow

@@ -29,6 +29,7 @@ from tests.examples.robot_controller_runs import (
     make,
     robot_plant_model,
     tips,
+    turns,
 )
 
 STEP = 15.0 * COMPLIANCE  # depth of 15 N [m]
@@ -155,6 +156,17 @@ def test_a_second_regulated_output_keeps_its_own_acceleration_beside_a_corrected
         assert np.abs(np.diff(moved[:, 1], n=2)).max() < 0.0501 * PERIOD**2
         assert moved[-1, 1] == pytest.approx(place, abs=1e-7)
         assert moved[:, 2].min() > -STEP - 1e-8
+
+
+@pytest.mark.parametrize("angle", [0.05, -0.05])
+def test_an_angle_of_the_tool_is_a_second_regulated_output(angle: float) -> None:
+    """(3.37): the tool turns about y and rests there without overshoot; its tip and the force are as without it."""
+    log = drive(make(outputs=[RegulatedCoordinate(SIDE, angle, -0.2, turns=True)]), 900)
+    moved, turned = tips(log), turns(log)
+    assert np.abs(turned[:, 1]).max() < 0.05 + 1e-6
+    np.testing.assert_allclose(turned[-1], [0.0, angle, 0.0], atol=1e-5)
+    assert moved[:, 2].min() > -STEP - 1e-7
+    np.testing.assert_allclose(moved[-1], [0.0, 0.0, -STEP], atol=1e-6)
 
 
 def test_a_compliance_input_moves_the_set_point() -> None:

@@ -339,6 +339,47 @@ def test_a_stated_uncertainty_of_the_compliance_asks_for_a_virtual_state() -> No
         assert kind(alpha=0.0).alpha == 0.0
 
 
+@pytest.mark.parametrize("ratio", [1.5, 2.0])
+def test_the_alpha_chosen_for_a_stated_uncertainty_stands_it(ratio: float) -> None:
+    """C_T_hat too large and too small by all of it: the force comes to rest without overshoot and without a bounce."""
+    alpha = FourthDegreeInvarianceConfig(compliance_ratio=ratio).chosen_alpha()
+    for believed in (ratio, 1.0, 1 / ratio):
+        log = ideal(alpha, "model", believed)
+        force = log["force"][:, 0]
+        assert np.max(force) < FORCE + 1e-3
+        assert largest_drop(force, the_step(log)) < 0.2
+        assert force[-1] == pytest.approx(FORCE, abs=0.1)
+    bouncing = ideal(ratio - 1.0, "model", ratio, duration=1.5)
+    assert largest_drop(bouncing["force"][:, 0], the_step(bouncing)) > 5.0, "at equality nothing is left (3.84)*"
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.5])
+def test_the_alpha_chosen_for_a_rate_keeps_it(ratio: float) -> None:
+    """30 N/s while 10 N are missing, with a compliance believed too large by all of the stated uncertainty."""
+    stated = {"compliance_ratio": ratio, "force_rate": 30.0, "force_rate_error": 10.0}
+    alpha = FourthDegreeInvarianceConfig(**stated).chosen_alpha()
+    force = ideal(alpha, "model", ratio)["force"][:, 0]
+    rate = np.gradient(force, PERIOD)
+    assert np.max(rate[force >= FORCE - 10.0]) <= 30.0
+    assert np.max(np.gradient(ideal(1.0, "model", ratio)["force"][:, 0], PERIOD)) > 30.0, "a smaller alpha does not"
+
+
+def test_alpha_is_3_where_nothing_is_stated() -> None:
+    assert FourthDegreeInvarianceConfig().chosen_alpha() == 3.0
+    assert FourthDegreeInvarianceConfig(alpha=0.2, force_rate=1.0, force_rate_error=1.0).chosen_alpha() == 0.2
+    with pytest.raises(BadInputError, match="force_rate_error must be given with force_rate"):
+        FourthDegreeInvarianceConfig(force_rate=1.0)
+
+
+def test_a_stated_uncertainty_asks_for_the_acceleration_to_brake_with() -> None:
+    """(3.67)*: at the largest compliance gamma is at least -w^2 a_max/C_T; nothing is refused where none is stated."""
+    most = 20.0**2 * 0.1 / (1.5 * 2e-4)
+    for gamma, ratio in ((-1.01 * most, 1.0), (-0.99 * most, 1.0), (-0.99 * most, 1.5)):
+        FourthDegreeInvarianceConfig(gamma=gamma, compliance_ratio=ratio).add_to(DiagramBuilder(), MODEL)
+    with pytest.raises(BadInputError, match=r"gamma = .* at least -1\.333e\+05, what acceleration_limit"):
+        FourthDegreeInvarianceConfig(gamma=-1.01 * most, compliance_ratio=1.5).add_to(DiagramBuilder(), MODEL)
+
+
 def test_limits_of_the_command_are_in_order() -> None:
     with pytest.raises(BadInputError, match="lower_limit"):
         law(lower_limit=0.1, upper_limit=-0.1)

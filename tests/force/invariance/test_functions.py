@@ -202,3 +202,44 @@ def test_distance_from_the_edge_of_the_set_and_its_rate(y, rate, acceleration, g
         expected = float(iv.set_distance_rate(rate, acceleration, gamma))
         scale = 1 + abs(y) + (abs(rate) + abs(acceleration) + acceleration**2) * (1 + 1 / abs(gamma))
         assert slope == pytest.approx(expected, abs=2e-6 * scale + 1e-9 * scale / step)
+
+
+# --- design rules of relative degree 4 --------------------------------------------------------------------------------
+
+
+def test_least_gamma_is_the_worst_state_at_its_best_control() -> None:
+    """(3.67)* by brute force: y^(4) by (3.65)* from the rates of (3.62)*, on the corners and at random states."""
+    rng = np.random.default_rng(7)
+    for _ in range(30):
+        w, z = rng.uniform(5.0, 80.0), rng.uniform(0.3, 1.5)
+        c, most = 10 ** rng.uniform(-5, -3), rng.uniform(0.01, 1.0)
+        box = rng.uniform(0.0, [1e-3, 5e-3, 5e-3])
+        corners = np.array(list(itertools.product([-1.0, 1.0], repeat=3)))
+        lag, rate, command_rate = (box * np.vstack([corners, rng.uniform(-1.0, 1.0, (200, 3))])).T
+        acceleration = w**2 * lag - 2 * z * w * rate
+        y2, y3 = -acceleration / c, -(w**2 * command_rate - w**2 * rate - 2 * z * w * acceleration) / c
+        reached = [-(w**2) / c * u - w**2 * y2 - 2 * z * w * y3 for u in np.linspace(-most, most, 5)]
+        expected = np.max(np.min(reached, axis=0))
+        found = iv.least_gamma(w, z, c, most, lag=box[0], speed=box[1], command_speed=box[2])
+        assert found == pytest.approx(expected, rel=1e-9)
+        assert iv.least_gamma(w, z, c, most) == pytest.approx(-(w**2) * most / c, rel=1e-12)
+
+
+def test_alpha_for_a_rate_is_the_corrected_rule_and_lies_on_the_edge_of_the_set() -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(50):
+        gamma, error, rate = -(10 ** rng.uniform(0, 5)), rng.uniform(0.5, 20.0), rng.uniform(1.0, 100.0)
+        printed = 0.5 * (3 * error / rate) ** (2 / 3) * (-gamma / rate) ** (1 / 3) - 1  # (3.81)*
+        assert iv.alpha_for_rate(3, gamma, error, rate) == pytest.approx(printed, rel=1e-12)
+        for degree in (2, 3, 4, 5):
+            alpha = iv.alpha_for_rate(degree, gamma, error, rate)
+            virtual = [-error, (1 + alpha) * rate, *np.zeros(degree - 2)]
+            assert float(iv.invariance_function(virtual, gamma)) == pytest.approx(0.0, abs=1e-9 * error)
+
+
+def test_alpha_for_an_uncertainty_is_strictly_above_the_ratio() -> None:
+    """(3.83): the alpha that a compliance believed too large leaves is above zero, or what the rate needs."""
+    for ratio in (1.0, 1.5, 3.0):
+        assert (1 + iv.alpha_for_uncertainty(ratio)) / ratio == pytest.approx(1.3)
+        assert (1 + iv.alpha_for_uncertainty(ratio, 2.0)) / ratio == pytest.approx(1.3 * 3.0)
+        assert iv.alpha_for_uncertainty(ratio, -0.5) == iv.alpha_for_uncertainty(ratio)

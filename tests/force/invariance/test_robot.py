@@ -203,6 +203,8 @@ def test_a_users_wall_and_one_of_the_scenario_stop_the_motion_while_the_force_is
         ("constraints: [!Wall {point: [1, 0], normal: [1, 0, 0]}]", "constraints.0.point = [1.0, 0.0]: must be three"),
         ("outputs: [{axis: [0, 1], displacement: 0.1}]", "controller.outputs.0.axis = [0.0, 1.0]: must be three"),
         ("outputs: [{axis: [0, 0, 0], displacement: 0.1}]", "controller.outputs.0.axis = [0.0, 0.0, 0.0]: must be"),
+        ("outputs: [{axis: [0, 1, 0]}]", "controller.outputs.0.axis needs either a displacement or an angle"),
+        ("outputs: [{axis: [0, 1, 0], angle: 2}]", "controller.outputs.0.angle = 2.0: must be from -1 to 1"),
         ("constraints: [!Wall {point: [1, 0, 0], normal: [0, 0, 0]}]", "not all zero"),
         ("constraints: [!Wall {point: [1, 0, 0], normal: [1, 0, 0], gamma: 1}]", "gamma = 1.0: must be below zero"),
         ("constraints: [!Wall {point: [1, 0, 0]}]", "controller.constraints.0.normal is missing"),

@@ -29,13 +29,13 @@ def tool(x: float, v: float) -> Any:
 
 def acceleration(x: float, v: float, across: np.ndarray | None = None) -> np.ndarray:
     return Tracking(30.0, 2.0, 0.5).acceleration(
-        tool(x, v), tool(0.0, 0.0), STILL, STILL, np.eye(3) if across is None else across
+        tool(x, v), tool(0.0, 0.0), STILL, STILL, np.eye(6) if across is None else across
     )
 
 
 def test_near_the_path_it_is_proportional_and_critically_damped() -> None:
     assert acceleration(1e-3, 0.01)[3] == pytest.approx(-900 * 1e-3 - 60 * 0.01)
-    assert not acceleration(1e-3, 0.01, np.diag([0.0, 1.0, 1.0])).any()
+    assert not acceleration(1e-3, 0.01, np.diag([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])).any()
 
 
 @pytest.mark.parametrize("start", [0.001, 0.02, 0.5, 3.0])
