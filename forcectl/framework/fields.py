@@ -213,6 +213,9 @@ def _span(bounds: str, unit: str) -> Interval:
     ranges = [PHYSICAL.get(_SAME_UNIT.get(one, one), _WIDEST) for one in unit.replace(" or ", ", ").split(", ")]
     largest, smallest = max(each[0] for each in ranges), min(each[1] for each in ranges)
     own = interval(bounds)
+    # Bounds on both sides that a key has of its own go before the range of its unit.
+    if math.isfinite(own.low) and math.isfinite(own.high) and 0.0 not in (own.low, own.high):
+        return Interval(own.low, own.high)
     low = smallest if own.low == 0 and own.without_low else max(own.low, -largest)
     return Interval(low, -smallest if own.high == 0 and own.without_high else min(own.high, largest))
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from forcectl.errors import invalid, unknown
-from forcectl.framework.fields import Config
+from forcectl.framework.fields import Config, key_of
 from forcectl.framework.reader import join
 from forcectl.scenario.catalog import tags_of
 
@@ -85,12 +85,14 @@ def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
     """Dotted keys of when something begins, and that time [s]."""
     for name in _TIMED:
         for key, part in _configs(getattr(scenario, name), name):
-            for each in _STARTS:
-                start = getattr(part, each, None)
-                if isinstance(start, list) and start and each == "times":
-                    yield f"{key}.{each}.0", float(start[0])
+            for field in fields(part):  # type: ignore[arg-type]
+                if field.name not in _STARTS or key_of(field).unit != "s":
+                    continue
+                start = getattr(part, field.name)
+                if isinstance(start, list) and start and field.name == "times":
+                    yield f"{key}.times.0", float(start[0])
                 elif isinstance(start, int | float):
-                    yield join(key, each), float(start)
+                    yield join(key, field.name), float(start)
 
 
 def _configs(part: Any, key: str) -> Iterator[tuple[str, Config]]:

@@ -169,7 +169,7 @@ def test_a_missed_expectation_is_exit_code_1_with_the_results_kept(forcectl, tmp
 
 
 def test_a_run_that_has_to_stop_is_exit_code_1_with_one_line_and_the_log_kept(forcectl, tmp_path, without_pictures):
-    code, out, err = forcectl("run", "fig_2_8", "--set", "station.drive.servo.position_gain=1e6", "--out", "here")
+    code, out, err = forcectl("run", "fig_2_8", "--set", "station.drive.servo.position_gain=1e5", "--out", "here")
     assert (code, out) == (1, "")
     assert err.startswith("error: variant 'default': ")
     assert " at t = 0." in err

@@ -39,7 +39,7 @@ expect:
 ONE_FAILS = """
 title: One fails
 duration: 0.4
-variants: {good: {}, bad: {station.drive.servo.position_gain: 1.0e6}}
+variants: {good: {}, bad: {station.drive.servo.position_gain: 1.0e5}}
 expect:
   - {target: fine, metric: peak_force_N, variant: good, maximum: 50.0}
   - {target: hopeless, metric: peak_force_N, variant: bad, maximum: 50.0}

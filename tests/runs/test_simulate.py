@@ -77,7 +77,7 @@ def test_the_gains_for_another_bandwidth_are_those_found_for_it(folder):
 
 def test_an_experiment_that_stops_or_finds_nothing_usable_is_said_in_a_line(folder):
     with pytest.raises(RunFailedError, match=r"^gains of controller from .*find\.yaml: .* at t = "):
-        fc.run("use.yaml", variant="slow", overrides={"station.drive.servo.position_gain": 1e6})
+        fc.run("use.yaml", variant="slow", overrides={"station.drive.servo.position_gain": 1e5})
     (folder / "find.yaml").write_text(FIND.replace("duration: 1.2", "duration: 0.004"))
     with pytest.raises(RunFailedError, match=r"find\.yaml finds none on this station") as error:
         fc.run("use.yaml", variant="slow")

@@ -269,7 +269,7 @@ STORIES = {
              variant="3 mm, 5 degrees"),
         soon("forcectl run fig_6_10 --out runs/fig_6_10", "without the lip", "results in runs/fig_6_10"),
         soon("forcectl run fig_6_17 --out runs/fig_6_17", "thesis, 1450 N/m", "results in runs/fig_6_17"),
-        soon("forcectl run cap_rotation --out runs/cap --replay", "1450 N/m", "replay_1.html"),
+        soon("forcectl run cap_rotation --out runs/cap --replay", "1450 N/m", "replay.html", variant="1450 N/m"),
         soon("forcectl run pipette --out runs/pipette --replay", "replay.html", "results in runs/pipette"),
         soon("forcectl run pipette", "results in runs/pipette-1"),
     )),

@@ -80,7 +80,9 @@ def short_sweep(text: str) -> str:
     from forcectl.framework.yaml_tree import Tagged, dump, parse
 
     tree = parse(text, "sweep")
-    tree.setdefault("overrides", Tagged())["duration"] = 0.02
+    overrides = tree.setdefault("overrides", Tagged())
+    overrides.pop("motion.start_time", None)  # nothing begins after the end
+    overrides["duration"] = 0.02
     drawn = tree.get("design") not in (None, "grid")
     for name, values in tree.get("keys", {}).items():
         tree["keys"][name] = values if drawn else values[:1]
