@@ -38,7 +38,7 @@ GOVERNOR_EXAMPLES: dict[type[System], list[Example]] = {
     EquivalentScheme: [
         Example(
             partial(EquivalentScheme, delay_ticks=3, true_delay_ticks=2),
-            {("desired_force", "governed_reference")},
+            {("governed_reference", "desired_force")},
             {"desired_force": 12.0},
             periods={"period": 0.002},
         )

@@ -21,15 +21,13 @@ of B, M* and the feedback: the roots of (4.40), see `stability`.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, LinearSystem, MatrixGain
 
 from forcectl.force.governor.program import check_pole, check_ticks
 from forcectl.force.governor.stability import feedback_weight
 from forcectl.framework.batch import check
-
-Array = NDArray[np.float64]
 
 
 class EquivalentScheme(Diagram):
@@ -130,7 +128,7 @@ def delayed_loop(inner_pole: float, true_delay_ticks: int, period: float) -> Lin
     return _linear(matrix, column, np.eye(1, n + 1), 0.0, period)
 
 
-def _linear(a: Array, b: Array, c: Array, d: float, period: float) -> LinearSystem:
+def _linear(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: float, period: float) -> LinearSystem:
     """One input, one output."""
     return LinearSystem(np.asarray(a), np.asarray(b), np.asarray(c), np.array([[d]]), period)
 

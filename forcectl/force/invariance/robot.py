@@ -109,10 +109,10 @@ class OutputConfig(Config):
 
     def output(self) -> RegulatedCoordinate:
         """What is regulated."""
-        turns = self.angle is not None
-        return RegulatedCoordinate(
-            unit_normal(self.axis), float(self.angle if turns else self.displacement), self.gamma, turns
-        )
+        axis = unit_normal(self.axis)
+        if self.angle is not None:
+            return RegulatedCoordinate(axis, self.angle, self.gamma, turns=True)
+        return RegulatedCoordinate(axis, self.displacement or 0.0, self.gamma)
 
 
 @dataclass(kw_only=True)
