@@ -147,7 +147,7 @@ def test_an_excitation_from_a_file_is_found_beside_the_scenario(tmp_path, monkey
     scenario = tmp_path / "own.yaml"
     scenario.write_text(
         "controller: !RecursiveVrft {excitation: !ExcitationFile {path: profile.csv}}\n"
-        "reference: !Step {force: 10.0, start_time: 3.5}\nduration: 3.6\nstation: {fidelity: OneDimensional}\n"
+        "reference: !Step {force: 10.0, start_time: 3.19}\nduration: 3.2\nstation: {fidelity: OneDimensional}\n"
     )
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")

@@ -135,7 +135,7 @@ def test_bad_lists_of_materials_are_refused() -> None:
     two_sided = {"station.environment.one_sided": False}
     assert "one_sided = False: must be true with surface.materials" in refused({"segments": parts}, **two_sided)
     tilted = {"station.environment.surface.direction": [0.0, 0.0, 1.0]}
-    assert "surface.direction = [0.0, 0.0, 1.0]: must be perpendicular" in refused({"segments": parts}, **tilted)
+    assert "surface.direction = [0.0, 0.0, 1.0]: must be across the normal" in refused({"segments": parts}, **tilted)
     stiff = [PLASTIC | {"stiffness": 1e8}]
     multibody = {"station.fidelity": "Multibody", "station.stiffness_set": ""}
     assert "stiffness = 1e+08: must be below" in refused({"segments": stiff}, **multibody)
