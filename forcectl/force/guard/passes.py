@@ -56,10 +56,15 @@ def _forces(limits: GuardLimits, measured: Array) -> Array:
     return found
 
 
+def _before(command: Array) -> Array:
+    """The command of the tick before each one; 0 before the first."""
+    return np.concatenate([[0.0], command[:-1]])
+
+
 def _frozen(limits: GuardLimits, measured: Array, command: Array) -> bool:
     """Whether readings repeat themselves for too long, or while the command goes deeper."""
     tick = np.arange(len(measured))
-    before = np.concatenate([[0.0], command[:-1]])
+    before = _before(command)
     start = np.maximum.accumulate(np.where(np.diff(measured, prepend=np.nan) != 0.0, tick, 0))
     same = tick - start
     deeper = (measured > 0.0) & (before[start] - before > limits.deeper)
@@ -69,7 +74,7 @@ def _frozen(limits: GuardLimits, measured: Array, command: Array) -> bool:
 def _lost(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:
     """Whether contact is lost too often, or looked for too far."""
     tick = np.arange(len(measured))
-    before = np.concatenate([[0.0], command[:-1]])
+    before = _before(command)
     asks, feels = desired > 0.0, measured > FELT * desired
     losses = np.count_nonzero(feels[asks][:-1] & ~feels[asks][1:])
     last = np.maximum.accumulate(np.where(feels & asks, tick, -1))
@@ -79,7 +84,7 @@ def _lost(limits: GuardLimits, desired: Array, measured: Array, command: Array) 
 
 def _answers(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:
     """Whether readings answer to the way into the surface, also after they have done so, and little energy goes in."""
-    before = np.concatenate([[0.0], command[:-1]])
+    before = _before(command)
     slow, _ = lfilter([limits.settle], [1.0, limits.settle - 1.0], before, zi=[(1.0 - limits.settle) * before[0]])
     worth = (-limits.gap - slow) / limits.compliance
     silent = (worth > limits.force * (1.0 - _ROUNDING)) & (measured < limits.response * worth * (1.0 + _ROUNDING))
