@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +97,7 @@ def test_fidelities_agree_on_an_uneven_surface(case: dict[str, Any]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("stiffness", "speed", "distance"), [(5.9e3, 0.02, 0.02), (1e5, 0.02, 0.02), (1e5, 0.002, 0.0105)]
+    ("stiffness", "speed", "distance"), [(5.9e3, 0.02, 0.02), (1e5, 0.02, 0.02), (1e5, 0.005, 0.0105)]
 )
 def test_fidelities_agree_at_other_speeds_and_stiffnesses(stiffness: float, speed: float, distance: float) -> None:
     """Over both grooves, and slowly over one."""
@@ -294,31 +293,7 @@ def test_the_replay_moves_the_plate(tmp_path: Path) -> None:
     assert sizes[1] > sizes[0] + 1000
 
 
-# --- Fig. 3.6 --------------------------------------------------------------------------------------------------------
-
-
-@lru_cache(maxsize=8)
-def fig_3_6(fidelity: str, **overrides: Any) -> dict[str, Any]:
-    changes = {name.replace("__", "."): value for name, value in overrides.items()}
-    result = forcectl.run("fig_3_6", fidelity=fidelity, overrides=changes)
-    return result.metrics
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fidelity", LIGHT)
-def test_fig_3_6_first_groove(fidelity: str) -> None:
-    """A shorter rest and the first groove of three."""
-    metrics = fig_3_6(fidelity, motion__start_time=4.0, motion__distance=0.025, duration=17.0)
-    assert_fig_3_6(metrics)
-
-
-def assert_fig_3_6(metrics: dict[str, Any]) -> None:
-    for values in metrics.values():
-        assert values["mean_force_in_motion_N"] == pytest.approx(15.0, rel=0.02)
-        assert values["settling_time_2pct_before_motion_s"] is not None
-        assert values["recovery_time_2pct_s"] <= 2.0
-        assert values["contact_loss_s"] == 0.0
-    assert metrics["plywood"]["peak_in_motion_N"] >= 2 * metrics["plastic"]["peak_in_motion_N"]
+# --- Fig. 3.6 faster ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

@@ -16,7 +16,8 @@ from forcectl.runs import run as run_module
 from forcectl.runs.logs import read_netcdf
 from forcectl.runs.reproduce import InterruptedReproductionError
 from forcectl.scenario.catalog import find_scenario
-from tests.examples.experiment_runs import run_experiment
+from forcectl.scenario.scenario import select_variants
+from tests.examples.experiment_runs import run_experiment, run_variant
 
 QUICK = """
 title: Quick
@@ -215,14 +216,15 @@ def test_two_experiments_of_one_name_are_refused(files):
         fc.reproduce(["quick.yaml", "other/quick.yaml"])
 
 
-def shipped() -> list[Any]:
-    """Every experiment on every fidelity it names; each alone, so that they spread over the processes of a test run."""
-    cases = []
-    for name in fc.list_experiments():
-        file = find_scenario(name)
-        named = file.tree.get("fidelities", ["OneDimensional"])
-        cases += [pytest.param(name, fidelity, marks=pytest.mark.slow) for fidelity in named]
-    return cases
+def shipped() -> list[tuple[str, str]]:
+    """Every experiment with every fidelity it names."""
+    experiments = fc.list_experiments()
+    return [(name, on) for name in experiments for on in find_scenario(name).tree.get("fidelities", ["OneDimensional"])]
+
+
+def variants_of_shipped() -> list[tuple[str, str, str]]:
+    """Each alone, so that they spread over the processes of a test run."""
+    return [(name, on, variant) for name, on in shipped() for variant in select_variants(find_scenario(name))]
 
 
 # Variants that misbehave, by fidelity, and are there to show it; all others are well behaved.
@@ -265,15 +267,21 @@ MISBEHAVE: dict[tuple[str, str], dict[str, set[str]]] = {
 }
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("experiment", "fidelity", "variant"), variants_of_shipped())
+def test_every_variant_of_a_shipped_experiment_behaves(experiment, fidelity, variant):
+    allowed = MISBEHAVE.get((experiment, variant), {}).get(fidelity, set())
+    found = run_variant(experiment, variant, fidelity).findings
+    assert [str(one) for one in found if one.severity > Severity.INFO and one.kind not in allowed] == []
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("experiment", "fidelity"), shipped())
 def test_every_shipped_experiment_meets_its_targets_and_has_not_drifted(experiment, fidelity):
+    """Of the runs of the test above."""
     done = run_experiment(experiment, fidelity)
     assert [(v.target, v.ours) for v in done.verdicts if v.surprising or v.stale] == []
     assert [(v.target, v.ours, v.expected) for v in done.verdicts if v.drifted] == []
-    for variant, found in done.findings.items():
-        allowed = MISBEHAVE.get((experiment, variant), {}).get(fidelity, set())
-        bad = [str(one) for one in found if one.severity > Severity.INFO and one.kind not in allowed]
-        assert bad == [], variant
 
 
 def test_a_fidelity_that_variants_set_themselves_is_not_overridden(files):
