@@ -14,7 +14,7 @@ from forcectl.analysis.findings.readings import reading_findings
 from forcectl.analysis.findings.swings import Swinging, rests, swinging, turning_points
 from forcectl.analysis.stretches import stretches
 from forcectl.estimation.environment import COMPLIANCE_BOUNDS
-from forcectl.plant.contact.contact_monitor import contact_lost
+from forcectl.plant.contact.contact_monitor import ContactMode
 
 if TYPE_CHECKING:
     from forcectl.analysis.findings.config import FindingsConfig
@@ -41,6 +41,7 @@ class Pressing(NamedTuple):
     Attributes:
         time: [s].
         desired, measured, true: forces [N].
+        contact: state of the contact, see `ContactMode`.
         command: displacement [m]; None where it is not logged.
         motors: positions of the motors by the names of the joints [rad].
         closed: whether the loop is closed and the tool is not in motion along the surface.
@@ -52,6 +53,7 @@ class Pressing(NamedTuple):
     desired: Signal
     measured: Signal
     true: Signal
+    contact: Signal
     command: Signal | None
     motors: dict[str, Signal]
     closed: Mask
@@ -80,7 +82,8 @@ class Pressing(NamedTuple):
             names = [str(name) for name in log["joint"].values]
             motors = dict(zip(names, log["motor_position"].values.T, strict=True))
         estimate = log["environment_compliance"].values if "environment_compliance" in log else None
-        return cls(time, desired, measured, true, command, motors, closed, compliance, estimate)
+        contact = log["contact_state"].values
+        return cls(time, desired, measured, true, contact, command, motors, closed, compliance, estimate)
 
 
 def force_findings(log: Pressing, ranges: list[float], config: FindingsConfig) -> Iterator[RunFinding]:
@@ -134,8 +137,7 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         yield finding("no_contact", text, _first(log, wanted))
         return
     # What begins while no force is wanted is no loss.
-    lost = contact_lost(log.true, _TOUCH * float(log.desired.max()))
-    losses = [part for part in stretches(lost) if wanted[part.start]]
+    losses = [part for part in _losses(log) if wanted[part.start]]
     spans = [float(log.time[min(part.stop, len(log.time) - 1)] - log.time[part.start]) for part in losses]
     for kind, kept, verb in (
         ("contact_lost", [k for k, span in enumerate(spans) if span > config.bounce], "lost"),
@@ -149,6 +151,21 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         else:
             text = f"contact {verb} lost for a moment {_times(len(kept))}, {max(spans[k] for k in kept):.3g} s at most"
         yield finding(kind, text, begin)
+
+
+def _losses(log: Pressing) -> list[slice]:
+    """Where the contact is lost; a light touch makes no contact that can be lost, and ends no loss."""
+    firm = log.true > _TOUCH * float(log.desired.max())
+    losses: list[slice] = []
+    state = np.append(log.contact[1:], log.contact[-1:])  # it is that of the force a tick before
+    for part in stretches(state == ContactMode.LOST):
+        if firm[losses[-1].stop if losses else 0 : part.start].any():
+            losses.append(part)
+        elif losses:
+            losses[-1] = slice(losses[-1].start, part.stop)
+    if losses and not firm[losses[-1].stop :].any():
+        losses[-1] = slice(losses[-1].start, len(firm))
+    return losses
 
 
 def _command(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
