@@ -86,17 +86,20 @@ class Pressing(NamedTuple):
         return cls(time, desired, measured, true, contact, command, motors, closed, compliance, estimate)
 
 
-def force_findings(log: Pressing, ranges: list[float], config: FindingsConfig) -> Iterator[RunFinding]:
+def force_findings(
+    log: Pressing, ranges: list[float], config: FindingsConfig, filtered: bool = True
+) -> Iterator[RunFinding]:
     """What there is to say of one surface.
 
     Args:
         log: its signals.
         ranges: of the force sensors [N].
         config: thresholds.
+        filtered: whether the sensors have a filter that is slower than a tick.
     """
     yield from _sensor(log, ranges)
     if ranges:  # an estimated force is none that a sensor shows
-        yield from reading_findings(log.time, log.measured, log.true, min(ranges))
+        yield from reading_findings(log.time, log.measured, log.true, min(ranges), filtered)
     yield from _maximum(log, config)
     yield from _contact(log, config)
     yield from _command(log, config)

@@ -83,6 +83,7 @@ def test_what_provokes_a_finding_has_it_and_what_is_near_has_not(kind: str) -> N
 
 
 SOUND: dict[str, dict[str, Any]] = {
+    "sensor without a filter": {"station.sensors.force.bandwidth": 1e6, "station.sensors.force.quantum": 0.5},
     "slow": {GAIN: 1.2, "duration": 4.0},
     "as the thesis": {GAIN: 1.5},
     "soft": {STIFFNESS: 1.5e3, GAIN: 1.5},
