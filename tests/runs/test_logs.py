@@ -183,7 +183,7 @@ def test_torques_sticking_and_poses_of_the_tool_stand_in_the_log():
 
 
 def test_status_and_contact_state_say_what_their_values_mean():
-    stops = {"controller.integral_gain": 300.0, "station.sensors.force.faults": [{"kind": "nan", "start": 0.1}]}
+    stops = {"controller.integral_gain": 300.0, "station.sensors.force.faults": [{"kind": "nan", "start": 0.3}]}
     log = fc.run({"duration": 0.6}, fidelity="OneDimensional", overrides=stops).log
     state, touches = log["contact_state"], log["contact_force"].values > 0.0
     assert state.attrs["flag_values"].tolist() == [0.0, 1.0, 2.0]
