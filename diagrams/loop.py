@@ -40,7 +40,6 @@ _FORCE_SIGNALS = (
     "measured_force",
     "contact_force",
     "contact_state",
-    "contact_losses",
     "contact_displacement",
     "motor_position",
     "surface_height",

@@ -27,7 +27,7 @@ from forcectl.force.integral import IntegralConfig
 from forcectl.force.slot import ControllerConfig
 from forcectl.framework.batch import BatchBlock, check_count
 from forcectl.framework.fields import Config, key, knows_batches
-from forcectl.framework.wiring import input_names, output_names
+from forcectl.framework.wiring import input_names
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.contact_monitor import ContactMonitor
@@ -173,7 +173,7 @@ def build_one_dimensional_loop(
     if config.limited:  # a linear contact cannot be lost
         monitor = builder.AddNamedSystem("contact_monitor", ContactMonitor(size, period=config.period))
         connect(ports["contact_force"], monitor.GetInputPort("contact_force"))
-        ports |= {name: monitor.GetOutputPort(name) for name in output_names(monitor)}
+        ports["contact_state"] = monitor.GetOutputPort("contact_state")
     ports |= {port.get_name(): port for port in map(law.get_output_port, range(law.num_output_ports()))}
     elements = (None, tuple(str(element) for element in range(size)))
     sink, signals = add_log(builder, ports, config.period, dict.fromkeys(ports, elements) if size > 1 else {})
