@@ -42,8 +42,8 @@ def print_robot(report: RobotReport, console: Console) -> None:
 def _joints(robot: Understood, title: str) -> Table:
     table, parts = new_table(escape(title), "joint"), robot.explorer.parts
     table.columns[0].no_wrap = False  # a long name is folded, and no number cut
-    limits = ("from", "to", "unit", "speed\n[1/s]", "accel.\n[1/s2]", "torque\n[Nm]")
-    for column in (*limits, "gravity\n[Nm]", "inertia\n[kg m2]"):
+    given = ("from", "to", "unit", "speed\n[1/s]", "accel.\n[1/s2]", "torque\n[Nm]")
+    for column in (*given, "gravity\n[Nm]", "inertia\n[kg m2]"):
         table.add_column(escape(column), justify="right", no_wrap=True)
     for i, joint in enumerate(parts.joints):
         turns = isinstance(joint, RevoluteJoint)
