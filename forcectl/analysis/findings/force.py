@@ -41,7 +41,7 @@ class Pressing(NamedTuple):
     Attributes:
         time: [s].
         desired, measured, true: forces [N].
-        contact: state of the contact, see `ContactMode`.
+        contact: state of the contact, see `ContactMode`; None of a station that does not put it out.
         command: displacement [m]; None where it is not logged.
         motors: positions of the motors by the names of the joints [rad].
         closed: whether the loop is closed and the tool is not in motion along the surface.
@@ -53,7 +53,7 @@ class Pressing(NamedTuple):
     desired: Signal
     measured: Signal
     true: Signal
-    contact: Signal
+    contact: Signal | None
     command: Signal | None
     motors: dict[str, Signal]
     closed: Mask
@@ -82,7 +82,7 @@ class Pressing(NamedTuple):
             names = [str(name) for name in log["joint"].values]
             motors = dict(zip(names, log["motor_position"].values.T, strict=True))
         estimate = log["environment_compliance"].values if "environment_compliance" in log else None
-        contact = log["contact_state"].values
+        contact = log["contact_state"].values if "contact_state" in log else None
         return cls(time, desired, measured, true, contact, command, motors, closed, compliance, estimate)
 
 
@@ -160,14 +160,13 @@ def _losses(log: Pressing) -> list[slice]:
     """Where the contact is lost; a light touch makes no contact that can be lost, and ends no loss."""
     firm = log.true > _TOUCH * float(log.desired.max())
     losses: list[slice] = []
+    if log.contact is None:
+        return losses
     state = np.append(log.contact[1:], log.contact[-1:])  # it is that of the force a tick before
     for part in stretches(state == ContactMode.LOST):
         if firm[losses[-1].stop if losses else 0 : part.start].any():
-            losses.append(part)
-        elif losses:
-            losses[-1] = slice(losses[-1].start, part.stop)
-    if losses and not firm[losses[-1].stop :].any():
-        losses[-1] = slice(losses[-1].start, len(firm))
+            after = firm[part.stop :]
+            losses.append(slice(part.start, part.stop + int(np.argmax(after)) if after.any() else len(firm)))
     return losses
 
 
