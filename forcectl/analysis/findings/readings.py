@@ -51,7 +51,8 @@ def _repeated(time: Signal, measured: Signal) -> Iterator[RunFinding]:
     repeat = np.zeros(len(measured), dtype=bool)
     repeat[2:-1] = (measured[2:-1] == measured[1:-2]) & moves[:-2] & moves[2:]
     for lag in range(2, _LATE + 1):
-        repeat[lag:] |= (measured[lag:] == measured[:-lag]) & moves[lag - 1 :]
+        back = measured[lag - 1 : -1] == measured[1 : len(measured) - lag + 1]  # the way it came, as at a turning point
+        repeat[lag:] |= (measured[lag:] == measured[:-lag]) & moves[lag - 1 :] & (~back | (lag == 2))
     counts = np.convolve(repeat, np.ones(_COUNTED), mode="valid")
     often = counts >= _REPEATED * _COUNTED
     if often.any():
