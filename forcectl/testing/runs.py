@@ -103,7 +103,7 @@ def run_diagram(
     steps = round(duration / period)
     time = start + period * np.arange(steps + 1)
     values: dict[str, list[Array]] = {name: [] for name in (*ports, *["energy"] * energy)}
-    with _in_words(lambda: context.get_time()):
+    with _in_words(lambda: simulator.get_context().get_time()):
         for k in range(steps + 1):
             if k > 0:  # AdvanceTo the time it is at would already carry out the updates of this instant
                 simulator.AdvanceTo(time[k])
