@@ -24,7 +24,6 @@ from forcectl.diagrams.chain import check_stability
 from forcectl.diagrams.derived import SOURCES, Derived, joint_and_tool_signals
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.log import LoggedLoop, Probe, add_log
-from forcectl.diagrams.mechanics.station_surface import CONTACT_FORCE
 from forcectl.diagrams.model import ModelConfig, Setting, plant_model
 from forcectl.diagrams.signals import SignalChoice, Signals
 from forcectl.diagrams.station import StationConfig, build_station
@@ -40,6 +39,7 @@ _NOT_LOGGED = ("wrench_covariance",)  # 36 numbers of each arm, of which wrench_
 _FORCE_SIGNALS = (
     "measured_force",
     "contact_force",
+    "contact_state",
     "contact_displacement",
     "motor_position",
     "surface_height",
@@ -123,28 +123,20 @@ class Loop(LoggedLoop):
     ) -> dict[str, Derived]:
         """Signals that follow from the log (n, k) and from the samples of the probes, by name.
 
-        The contact state, the displacement and the pose of the tool of a robot, torques and sticking are not needed
-        tick by tick.
+        The displacement and the pose of the tool of a robot, torques and sticking are not needed tick by tick.
         """
         further: dict[str, Derived] = {}
-        if len(self.workcell.contacts) == 1 and "contact_state" not in self.signals:
-            further["contact_state"] = contact_state(values[self.signals["contact_force"].rows][0])
-            if "contact_displacement" not in self.signals:
-                contact = self.workcell.contact
-                motors = values[self.signals["motor_position"].rows].T
-                displacement = tip_displacements(contact.robot, contact.n, self.workcell.motor_start, motors)
-                further["contact_displacement"] = Derived(unit_of("contact_displacement"), displacement)
+        if len(self.workcell.contacts) == 1 and "contact_displacement" not in self.signals:
+            contact = self.workcell.contact
+            motors = values[self.signals["motor_position"].rows].T
+            displacement = tip_displacements(contact.robot, contact.n, self.workcell.motor_start, motors)
+            further["contact_displacement"] = Derived(unit_of("contact_displacement"), displacement)
         rows = {name: values[self.signals[name].rows].T for name in SOURCES if name in self.signals}
         rows |= {name: probed[name][1] for name in SOURCES if name in probed}
         if len(rows) == len(SOURCES) and "motor_position" in self.signals and self.workcell.has_dynamics:
             motors = values[self.signals["motor_position"].rows].T
             further |= joint_and_tool_signals(self.workcell, motors, rows["link_position"], rows["motor_velocity"])
         return further
-
-
-def contact_state(force: NDArray[np.float64]) -> Derived:
-    """The contact state at a contact force (k,) [N]."""
-    return Derived(unit_of("contact_state"), np.clip(force / CONTACT_FORCE, 0.0, 1.0))
 
 
 def build_loop(parts: LoopParts) -> Loop:
@@ -276,7 +268,8 @@ def _labels(ports: Mapping[str, OutputPort], workcell: Workcell) -> dict[str, tu
     arms = list(workcell.robot.parts.arms)
     wrenches = ("wrench_component", tuple(f"{arm}_{part}" for arm in arms for part in WRENCH_PARTS))
     surfaces = ("surface", tuple(contact.name for contact in workcell.contacts))
-    by_loop = ("desired_force", "measured_force", "contact_force", "contact_state", "contact_displacement")
+    contact = tuple(f"contact_{what}" for what in ("force", "state", "losses", "displacement"))
+    by_loop = ("desired_force", "measured_force", "displacement_command", *contact)
     found = {}
     for name, port in ports.items():
         size = port.size()
@@ -286,7 +279,7 @@ def _labels(ports: Mapping[str, OutputPort], workcell: Workcell) -> dict[str, tu
             found[name] = wrenches
         elif name in ("arm_contact_force", "gripper_holds", "gripper_command"):
             found[name] = ("arm", tuple(arms))
-        elif size == len(surfaces[1]) > 1 and name in (*by_loop, "displacement_command"):
+        elif size == len(surfaces[1]) > 1 and name in by_loop:
             found[name] = surfaces
         elif size == len(joints[1]):
             found[name] = joints

@@ -30,6 +30,7 @@ from forcectl.framework.fields import Config, key, knows_batches
 from forcectl.framework.wiring import input_names
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
+from forcectl.plant.contact.contact_monitor import ContactMonitor
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.plant.plant_model import PlantModel
@@ -169,6 +170,10 @@ def build_one_dimensional_loop(
         "contact_displacement": displacement,
         "measured_force": sensor.GetOutputPort("measured_force"),
     }
+    if config.limited:  # a linear contact cannot be lost
+        monitor = builder.AddNamedSystem("contact_monitor", ContactMonitor(size, period=config.period))
+        connect(ports["contact_force"], monitor.GetInputPort("contact_force"))
+        ports["contact_state"] = monitor.GetOutputPort("contact_state")
     ports |= {port.get_name(): port for port in map(law.get_output_port, range(law.num_output_ports()))}
     elements = (None, tuple(str(element) for element in range(size)))
     sink, signals = add_log(builder, ports, config.period, dict.fromkeys(ports, elements) if size > 1 else {})

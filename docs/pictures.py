@@ -119,8 +119,16 @@ def draw_invariant_set(target: Path) -> None:
     edge = np.linspace(0.0, 2.2, 100)
     figure = Figure(figsize=(9.0, 4.0), layout="constrained")
     for axes, (name, values) in zip(figure.subplots(1, 2), {"V": distance, "V'": change}.items(), strict=True):
-        levels = axes.contour(y, rate, values, levels=10, colors=COLOURS[0] if name == "V" else COLOURS[1])
-        axes.clabel(levels, fontsize=7)
+        drawn = axes.contour(y, rate, values, levels=10, colors=COLOURS[0] if name == "V" else COLOURS[1])
+        # Labels off the edge of the set and of the picture: Matplotlib's own places lie on them.
+        if name == "V":
+            row = int(np.searchsorted(rate[:, 0], -1.3))
+            low = np.interp(drawn.levels, values[row][::-1], y[row][::-1], left=np.nan, right=np.nan)
+            places = [(-v, 0.4) if v < 2.0 else (x, -1.3) for v, x in zip(drawn.levels, low, strict=True) if v > 0.0]
+        else:
+            edge_of = [(v, max(v * v / (2 * gamma) - 0.3, v * v / (4 * gamma) - 1.0)) for v in -drawn.levels]
+            places = [at for v, x in edge_of if 0.1 < v < 1.7 for at in ((x, v), (-0.8, -v)) if at[1] > -1.5]
+        axes.clabel(drawn, fontsize=7, manual=[at for at in places if at[0] > -1.9])
         axes.plot(0.5 * edge**2 / gamma, edge, color="#303030", lw=1.8, label="Φ = 0")
         axes.plot([0.0, 0.0], [-1.6, 0.0], color="#303030", lw=1.8)
         axes.set(title=f"level sets of {name}", xlabel="y", ylabel="y'", xlim=(-2.0, 0.6))

@@ -64,7 +64,8 @@ SIGNALS: dict[str, Signal] = {
     "estimated_local_wrench": Signal("Nm,N", "6a", "the same, in the axes of another frame that the estimator names"),
     # what exists in the simulation only
     "contact_force": Signal("N", "k", "force of each surface on the tool along its normal, never negative", True),
-    "contact_state": Signal("1", "k", "1 where the tool touches the surface", True),
+    "contact_state": Signal("1", "k", "of each surface: 0 not touched yet, 1 in contact, 2 contact lost", True),
+    "contact_losses": Signal("1", "k", "how often the contact with each surface was lost so far", True),
     "contact_displacement": Signal("m", "k", "of the tool along each normal by the motors, from the start", True),
     "link_position": Signal("rad", "n", "of the links", True),
     "link_velocity": Signal("rad/s", "n", "of the links", True),

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import MatrixGain
 
 from forcectl.diagrams.mechanics.assembly import Assembly, through
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_depth, add_surface, connect_material
+from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add_depth, add_surface, connect_material
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config
@@ -95,7 +95,7 @@ class LightStation(Diagram):
     name: LightStation
     input_ports: [joint_position_command, joint_velocity_command (optional)]
     output_ports: [motor_position, motor_velocity, contact_force, contact_displacement, link_position,
-    (further outputs of drive and sensors; in any order), contact_state, surface_height (optional),
+    (further outputs of drive and sensors; in any order), contact_state, contact_losses, surface_height (optional),
     surface_damping (optional), surface_stiffness (optional)]
     ```
 
@@ -125,7 +125,7 @@ class LightStation(Diagram):
         links = LinkPosition(contact.robot, contact.n, workcell.spring_stiffness)
         assembly.add(builder.AddNamedSystem("link_position", links))
         add_sensors(assembly, site)
-        assembly.offer("contact_state", add_contact_state(builder, force))
+        add_contact_monitor(assembly, workcell, force)
         for name, port in surface.items():
             assembly.offer(name, port)
         assembly.finish(self)

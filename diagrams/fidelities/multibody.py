@@ -36,7 +36,7 @@ from forcectl.diagrams.mechanics.assembly import Assembly, selector, through
 from forcectl.diagrams.mechanics.environment_body import drive_surface
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.station_parts import add_pairs, add_parts, apply_forces
-from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_surface, is_uniform
+from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add_surface, is_uniform
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError
@@ -76,13 +76,13 @@ class MultibodyStation(Diagram):
     name: MultibodyStation
     input_ports: [joint_position_command, joint_velocity_command (optional), joint_torque_feedforward (optional),
     gripper_command (optional), external_wrench (optional)]
-    output_ports: [link_position, link_velocity, motor_position, motor_velocity,
-    (further outputs of drive and sensors; in any order), measured_wrench (optional), measured_force (optional),
-    joint_position (optional), joint_velocity (optional), motor_torque (optional), contact_force (optional),
-    surface_height (optional), surface_damping (optional), surface_stiffness (optional),
-    contact_displacement (optional), contact_state (optional), applied_wrench (optional), external_torque (optional),
-    tip_wrench (optional), arm_contact_force (optional), part_released (optional), gripper_holds (optional),
-    part_position (optional), part_orientation (optional)]
+    output_ports: [link_position, link_velocity, motor_position, motor_velocity, (further outputs of drive and
+    sensors; in any order), measured_wrench (optional), measured_force (optional), joint_position (optional),
+    joint_velocity (optional), motor_torque (optional), contact_force (optional), surface_height (optional),
+    surface_damping (optional), surface_stiffness (optional), contact_displacement (optional), contact_state
+    (optional), contact_losses (optional), applied_wrench (optional), external_torque (optional), tip_wrench
+    (optional), arm_contact_force (optional), part_released (optional), gripper_holds (optional), part_position
+    (optional), part_orientation (optional)]
     ```
 
     joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm]; the last two
@@ -96,7 +96,7 @@ class MultibodyStation(Diagram):
     measured_force: shape (1,), along n [N]. State.
     joint_position, joint_velocity, motor_torque: shape (n,), readings [rad, rad/s, Nm]. State.
     contact_force: shape (k,), truth along each normal [N]. Feedthrough of external_wrench when a surface is a body.
-    contact_state: shape (k,), see `ContactMonitor` [1]. Feedthrough of external_wrench when a surface is a body.
+    contact_state, contact_losses: shape (k,), see `ContactMonitor` [1]. State.
     contact_displacement: shape (k,), truth along each normal, of the motors [m]. State.
     surface_height, surface_damping, surface_stiffness: shape (1,), under the tool [m, N s/m, N/m]; the ports exist
     where the surface is uneven, and of several materials. State.
@@ -253,7 +253,7 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
                     forces[i] = truth.get_output_port(next(rows))
         ordered = [forces[i] for i in range(len(workcell.contacts))]
         assembly.offer("contact_force", stacked(builder, "contact_forces", ordered))
-    assembly.offer("contact_state", add_contact_state(builder, signals["contact_force"]))
+    add_contact_monitor(assembly, workcell, signals["contact_force"])
     return _own_wrenches(builder, workcell, {i: port for i, port in forces.items() if site.mountings[i] is None})
 
 

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import Adder, Gain, Saturation
+from pydrake.systems.primitives import Adder, Gain
 
-from forcectl.diagrams.mechanics.assembly import through
+from forcectl.diagrams.mechanics.assembly import Assembly, through
 from forcectl.diagrams.workcell import Contact, Vector, Workcell
 from forcectl.framework.wiring import affine, output_names
+from forcectl.plant.contact.contact_monitor import ContactMonitor
 from forcectl.plant.contact.surface import SurfaceHeight, SurfaceProfile
 from forcectl.plant.contact.surface_materials import SurfaceMaterial
 from forcectl.plant.tip_kinematics import TipDisplacement
-
-CONTACT_FORCE = 1e-9  # [N] from here on it is contact and not rounding
 
 
 def surface_profile(contact: Contact) -> SurfaceProfile:
@@ -90,11 +88,9 @@ def add_depth(builder: DiagramBuilder, displacement: OutputPort, height: OutputP
     return depth
 
 
-def add_contact_state(builder: DiagramBuilder, force: OutputPort) -> OutputPort:
-    """1 while there is contact, else 0: the force in units of `CONTACT_FORCE`, limited to 1.
-
-    Two C++ primitives, because every run logs it; `forcectl.plant.contact.contact_monitor` turns losses into events.
-    """
-    count = force.size()
-    scaled = through(builder, "contact_scale", Gain(1 / CONTACT_FORCE, count), force)
-    return through(builder, "contact_state", Saturation(np.zeros(count), np.ones(count)), scaled)
+def add_contact_monitor(assembly: Assembly, workcell: Workcell, force: OutputPort) -> None:
+    """Watch the true contact forces, shape (k,) [N], for losses of contact."""
+    monitor = assembly.builder.AddNamedSystem("contact_monitor", ContactMonitor(force.size(), period=workcell.period))
+    assembly.builder.Connect(force, monitor.GetInputPort("contact_force"))
+    for name in output_names(monitor):
+        assembly.offer(name, monitor.GetOutputPort(name))

@@ -303,7 +303,7 @@ def metrics_of(
 
     Args:
         signals: arrays over time: `time`, `desired_force`, `measured_force`, `contact_force`, and where they exist
-            `model_force`, `contact_state`, `displacement_command`, `constraint_violation`.
+            `model_force`, `displacement_command`, `constraint_violation`.
         window: T_w [s] of `model_error_sd_N`.
         motion: begin and end of the motion along the surface [s].
 
@@ -323,12 +323,11 @@ def metrics_of(
     result |= dict.fromkeys(MOTION_METRICS)
     if motion is not None:
         result |= motion_metrics(time, desired, force, *motion, initial)
-    in_contact = found["contact_state"] > 0.5 if "contact_state" in found else contact > 0
     result |= tuning_metrics(time, found)
     result |= {
         "peak_force_N": float(contact.max()),
         "peak_measured_force_N": float(force.max()),
-        "contact_loss_s": contact_loss(time, in_contact),
+        "contact_loss_s": contact_loss(time, contact > 0),
         "run_model_error_sd_N": float(np.std(force - model)) if model is not None else None,
         "run_max_abs_model_error_N": float(np.abs(force - model).max()) if model is not None else None,
         "control_effort_m": float(np.sum(np.abs(np.diff(command)))) if command is not None else None,
@@ -339,4 +338,4 @@ def metrics_of(
 
 
 _ALWAYS = ("time", "desired_force", "measured_force", "contact_force")
-_SOMETIMES = ("model_force", "contact_state", "displacement_command", "constraint_violation", "mode", *GAINS)
+_SOMETIMES = ("model_force", "displacement_command", "constraint_violation", "mode", *GAINS)

@@ -13,7 +13,16 @@ from forcectl.errors import BadInputError
 from forcectl.graph.export import Graph, MachineGraph
 from forcectl.graph.export import graph as draw
 from forcectl.inspect.ports import PortName
-from forcectl.scenario.scenario import ONE_SCENARIO, Scenario, as_file, build, load_scenario
+from forcectl.scenario.scenario import (
+    ONE_SCENARIO,
+    Scenario,
+    as_file,
+    build,
+    origins,
+    resolve,
+    select_variants,
+    with_shortcuts,
+)
 from forcectl.tasks.machine.chart import MachineChart
 
 
@@ -40,12 +49,7 @@ def graph(
     Raises:
         BadInputError: the scenario cannot be built.
     """
-    system = _system(scenario, variant, overrides, seed, fidelity, allow_imports)
-    title = ""
-    if isinstance(scenario, ONE_SCENARIO):
-        given = load_scenario(scenario, variant=variant, overrides=overrides, allow_imports=allow_imports)
-        name = given.title or as_file(scenario, allow_imports).name
-        title = ", ".join(filter(None, (name, variant)))
+    system, title = _system(scenario, variant, overrides, seed, fidelity, allow_imports)
     return draw(system, depth=depth, hide_unused=hide_unused, loggers=loggers, context=context, title=title)
 
 
@@ -71,7 +75,7 @@ def check(
     Raises:
         BadInputError: the scenario cannot be built, or there are no such ports.
     """
-    system = _system(scenario, variant, overrides, seed, fidelity, allow_imports)
+    system, _ = _system(scenario, variant, overrides, seed, fidelity, allow_imports)
     return examine(system, sensor=sensor, command=command, scheme=scheme)
 
 
@@ -82,15 +86,18 @@ def _system(
     seed: int | None,
     fidelity: str | None,
     allow_imports: Sequence[str],
-) -> Any:
-    """The diagram of a scenario; what is no scenario as it is."""
+) -> tuple[Any, str]:
+    """The diagram of a scenario and its title; what is no scenario as it is."""
     if isinstance(scenario, ONE_SCENARIO):
-        given = {"overrides": overrides, "seed": seed, "fidelity": fidelity, "allow_imports": allow_imports}
-        return build(scenario, variant=variant, **given).diagram
+        file, changes = as_file(scenario, allow_imports), with_shortcuts(overrides, seed, fidelity)
+        name = select_variants(file, variant)[0]
+        one = resolve(file, name, changes)
+        title = ", ".join(filter(None, (one.title or file.name, variant)))
+        return build(one, origins(file, name, changes)).diagram, title
     given = {"variant": variant, "overrides": overrides, "seed": seed, "fidelity": fidelity}
     given["allow_imports"] = allow_imports or None
     if wrong := [name for name, value in given.items() if value is not None]:
         raise BadInputError(
             f"{wrong[0]} = {given[wrong[0]]!r}: must be left out with a diagram: it goes with a scenario"
         )
-    return scenario
+    return scenario, ""

@@ -48,7 +48,7 @@ _COMMENTS = {
     "status": f"hundreds, what the guard does: {_counted(Reaction)}; tens, why: {_counted(Cause)}; "
     f"ones, the controller's own: {_counted(Status)}"
 }
-_MEANINGS = {"contact_state": ("apart", "touching"), "governor_status": _words(Status)}
+_MEANINGS = {"governor_status": _words(Status)}
 
 
 class ChunkedLog:

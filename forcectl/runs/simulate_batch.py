@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,6 @@ from pydrake.systems.analysis import Simulator
 
 from forcectl.conventions import unit_of
 from forcectl.diagrams.log import LoggedSignal
-from forcectl.diagrams.loop import contact_state
 from forcectl.diagrams.model import Setting
 from forcectl.diagrams.one_dimensional_loop import (
     OneDimensionalLoop,
@@ -84,8 +83,7 @@ def simulate_batch(
         if not batch.passes(i, scenario, setting, values[:, kept], failure is not None):
             outcomes.append(simulate(scenario, scenario.build(), variant))
             continue
-        derived = {"contact_state": contact_state(rows[batch.signals["contact_force"].rows][0])}
-        log = to_dataset(times[kept], rows, batch.signals, variant, bandwidth, derived)
+        log = to_dataset(times[kept], rows, batch.signals, variant, bandwidth)
         outcomes.append(judged(scenario, setting, VariantOutcome(variant, log, failure=failure)))
     return outcomes
 
@@ -107,7 +105,7 @@ class _Batch:
         first = next(iter(own))
         found = {first: LoggedSignal(slice(0, 1), own[first].unit, None), "motor_position": motors}
         for row, name in enumerate(list(own)[1:], 1 + len(joints)):
-            found[name] = LoggedSignal(slice(row, row + 1), own[name].unit, None)
+            found[name] = replace(own[name], rows=slice(row, row + 1), labels=None)
         # Zero where a guard passes, see `passes`.
         if self.scenarios[0].guard is not None and "status" not in own:
             end = len(own) + len(joints)

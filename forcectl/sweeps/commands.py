@@ -143,7 +143,7 @@ def _show_result(result: SweepResult, report: bool, as_json: bool, quiet: bool) 
     if as_json:
         _echo_json({"directory": str(result.directory), "counts": counts, "notes": result.notes})
     elif not quiet:
-        typer.echo(", ".join(f"{count} {state}" for state, count in counts.items()))
+        typer.echo(", ".join(f"{count} {state}" for state, count in counts.items()) or "no trials in this shard")
         for note in result.notes:
             typer.echo(note)
         typer.echo(f"results in {result.directory}: trials.parquet{', report.html' if report else ''}")
@@ -162,7 +162,7 @@ def _show_status(folder: str, as_json: bool) -> None:
         return
     counts = ", ".join(f"{count} {state}" for state, count in found.counts.items() if count)
     rest = "" if found.remaining_s is None else f"; about {_duration(found.remaining_s)} to go"
-    typer.echo(f"{found.name}: {found.planned} trials: {counts}{rest}")
+    typer.echo(f"{found.name}: {found.planned} trials{f': {counts}' if counts else ''}{rest}")
 
 
 def _echo_json(content: dict[str, Any]) -> None:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from pydrake.systems.framework import System
 
+from forcectl.figures.file_names import file_name
 from forcectl.testing.golden.compare import Difference
-from forcectl.testing.golden.files import file_name, write_log
+from forcectl.testing.golden.files import write_log
 from forcectl.testing.runs import Array, Log
 
 _MOST = 5  # of each kind; the last ones

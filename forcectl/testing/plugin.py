@@ -75,8 +75,8 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 @pytest.fixture
 def _artefacts(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Artefacts:
     """What is kept of the test in case it fails."""
+    from forcectl.figures.file_names import file_name
     from forcectl.testing.artefacts import Artefacts
-    from forcectl.testing.golden.files import file_name
 
     given = request.config.getoption("--artefacts")
     base = Path(given).absolute() if given else tmp_path_factory.getbasetemp() / "artefacts"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, InitializeParams, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, InputPort, OutputPort, System
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, RunFailedError, invalid, unknown
 from forcectl.inspect.names import own_name
 from forcectl.inspect.ports import one_output, optional_inputs, unit
 from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
@@ -85,6 +87,7 @@ def run_diagram(
 
     Raises:
         BadInputError: a port that does not exist, or a value that does not fit.
+        RunFailedError: Drake refused to go on, for example with a state that is not a number.
     """
     if not period > 0:
         raise invalid("period", period, "positive [s]")
@@ -100,30 +103,41 @@ def run_diagram(
     steps = round(duration / period)
     time = start + period * np.arange(steps + 1)
     values: dict[str, list[Array]] = {name: [] for name in (*ports, *["energy"] * energy)}
-    for k in range(steps + 1):
-        if k > 0:  # AdvanceTo the time it is at would already carry out the updates of this instant
-            simulator.AdvanceTo(time[k])
-        for port, function in fixed:
-            for each in (context, faulty.sound) if faulty else (context,):
-                port.FixValue(each, _vector(port, function(float(time[k]))))
-        if faulty and (other := faulty.begin_tick(context)) is not context:
-            context, simulator = other, _simulator(system, other, period, accuracy, begun=True)
-        for name, output in ports.items():
-            values[name].append(output.Eval(output.get_system().GetMyContextFromRoot(context)).copy())
-        if energy:
-            values["energy"].append(np.array([_energy(bodies, context)]))
-        if faulty and faulty.has_begun and k < steps:
-            integrator = simulator.get_mutable_integrator()
-            integrator.set_fixed_step_mode(True)
-            simulator.AdvancePendingEvents()
-            faulty.apply(context)  # for the blocks that read between the ticks: what comes after the updates
-            # Where the derivatives are no numbers no step would be small enough for the control of errors.
-            finite = np.isfinite(system.EvalTimeDerivatives(context).CopyToVector()).all()
-            integrator.set_fixed_step_mode(not finite)
+    with _in_words(lambda: simulator.get_context().get_time()):
+        for k in range(steps + 1):
+            if k > 0:  # AdvanceTo the time it is at would already carry out the updates of this instant
+                simulator.AdvanceTo(time[k])
+            for port, function in fixed:
+                for each in (context, faulty.sound) if faulty else (context,):
+                    port.FixValue(each, _vector(port, function(float(time[k]))))
+            if faulty and (other := faulty.begin_tick(context)) is not context:
+                context, simulator = other, _simulator(system, other, period, accuracy, begun=True)
+            for name, output in ports.items():
+                values[name].append(output.Eval(output.get_system().GetMyContextFromRoot(context)).copy())
+            if energy:
+                values["energy"].append(np.array([_energy(bodies, context)]))
+            if faulty and faulty.has_begun and k < steps:
+                integrator = simulator.get_mutable_integrator()
+                integrator.set_fixed_step_mode(True)
+                simulator.AdvancePendingEvents()
+                faulty.apply(context)  # for the blocks that read between the ticks: what comes after the updates
+                # Where the derivatives are no numbers no step would be small enough for the control of errors.
+                finite = np.isfinite(system.EvalTimeDerivatives(context).CopyToVector()).all()
+                integrator.set_fixed_step_mode(not finite)
     if context is not own:
         own.SetTimeStateAndParametersFrom(context)
     units = _units(system, ports) | ({"energy": "J"} if energy else {})
     return Log(time, {name: np.array(rows) for name, rows in values.items()}, units)
+
+
+@contextlib.contextmanager
+def _in_words(now: Callable[[], float]) -> Iterator[None]:
+    """A failed precondition in Drake arrives as SystemExit, which would end Python; the time [s] tells where."""
+    try:
+        yield
+    except SystemExit as error:
+        why = re.sub(r"Failure at \S+ in ", "", " ".join(str(error).split()))
+        raise RunFailedError(f"the simulation stopped at t = {now():g} s: {why}") from error
 
 
 def _simulator(system: System, context: Context, period: float, accuracy: float, *, begun: bool) -> Simulator:

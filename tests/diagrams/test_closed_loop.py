@@ -20,6 +20,7 @@ from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.motion.references import SequenceConfig, held_trajectory
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
+from forcectl.plant.contact.contact_monitor import ContactMode
 from tests.examples.station_runs import FORCE, SPRINGS, quiet_sensor
 from tests.examples.stations import pressing
 
@@ -66,7 +67,7 @@ def pulled_away(fidelity: str, damping: float, duration: float) -> dict[str, np.
     builder.Connect(command.get_output_port(), station.GetInputPort("joint_position_command"))
     sinks = {
         name: LogVectorOutput(station.GetOutputPort(name), builder, 0.002)
-        for name in ("contact_force", "contact_state", "measured_force")
+        for name in ("contact_force", "contact_state", "contact_losses", "measured_force")
     }
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(duration)
@@ -81,13 +82,15 @@ def test_a_robot_sent_away_loses_contact_and_finds_it_again(fidelity: str, dampi
     log = pulled_away(fidelity, damping_time * SPRINGS, 7.0)
     time = log["time"]
     touching, gone = (time > 0.3) & (time < 2.0), (time > 2.4) & (time < 2.9)
-    assert (log["contact_state"][touching] == 1).all()
+    assert (log["contact_state"][touching] == ContactMode.CONTACT).all()
     assert not log["contact_force"][gone].any()
-    assert not log["contact_state"][gone].any()
+    assert (log["contact_state"][gone] == ContactMode.LOST).all()
     assert abs(log["measured_force"][gone][-1]) < 0.05
     # The law went on pressing meanwhile: it comes back hard, but the contact never pulls, and the force settles.
     assert (log["contact_force"] >= 0).all()
-    assert log["contact_state"][time > 3.5].all()
+    assert (log["contact_state"][time > 3.5] == ContactMode.CONTACT).all()
+    lost = log["contact_state"] == ContactMode.LOST
+    assert log["contact_losses"][-1] == np.count_nonzero(np.diff(lost.astype(int)) == 1) >= 1
     assert log["contact_force"][time > 3.0].max() > FORCE
     assert log["contact_force"][-1] == pytest.approx(FORCE, rel=0.02)
 
@@ -114,7 +117,7 @@ def test_moving_along_the_surface_keeps_the_force(fidelity: str) -> None:
     assert still == pytest.approx(FORCE, rel=0.02)
     assert np.abs(moving - FORCE).max() < 0.1 * FORCE
     assert values(log, "measured_force")[-1] == pytest.approx(FORCE, rel=0.02)
-    assert (values(log, "contact_state", 0.5) == 1).all()
+    assert (values(log, "contact_state", 0.5) == ContactMode.CONTACT).all()
 
 
 @pytest.mark.parametrize("fidelity", ["Kinematic", "Multibody"])

@@ -44,6 +44,7 @@ OUTPUTS = {
     "contact_displacement": 1,
     "link_position": JOINTS,
     "contact_state": 1,
+    "contact_losses": 1,
 }
 
 

@@ -18,6 +18,7 @@ from forcectl.diagrams.station import SHIPPED_FIDELITIES, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.models import robot_folder
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
+from forcectl.plant.contact.contact_monitor import ContactMode
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.plant.sensors.wrist_sensor import sensor_frame
@@ -68,7 +69,7 @@ def assert_compliance(workcell: Workcell, duration: float) -> Log:
     log = press(workcell, 15.0, duration)
     found = -last(log, "contact_displacement") / last(log, "contact_force")
     assert found == pytest.approx(expected, rel=0.02)
-    assert last(log, "contact_state") == 1.0
+    assert last(log, "contact_state") == ContactMode.CONTACT
     return log
 
 
@@ -185,7 +186,7 @@ def test_no_contact_is_no_force_on_any_path_also_after_turning_the_tool(posture:
     )
     free = log.time > 0.4
     assert not log["contact_force"][free].any()
-    assert not log["contact_state"][free].any()
+    assert (log["contact_state"][free] != ContactMode.CONTACT).all()
     # What remains in motion is the inertia of the tool, small beside its weight.
     assert np.abs(log["measured_force"][free]).max() < 0.05 * TOOL_WEIGHT
     allowed = ForceSensorConfig().noise_std
@@ -220,7 +221,7 @@ def test_retreating_robot_feels_nothing(fidelity: str) -> None:
     )
     assert last(log, "contact_displacement") == pytest.approx(2e-3, rel=0.02)
     assert not log["contact_force"][-50:].any()
-    assert not log["contact_state"][-50:].any()
+    assert (log["contact_state"][-50:] != ContactMode.CONTACT).all()
     assert abs(last(log, "measured_force")) < ForceSensorConfig().noise_std
 
 

@@ -257,8 +257,8 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
             for elastic in (False, True)
             for workcell in (arm_workcell, touching_workcell)
         ),
-        example(two_tables, INTERFACE, "contact_force", "contact_state", *LOADED),
-        example(table_and_foam, INTERFACE, "contact_force", "contact_state", *LOADED),
+        example(two_tables, INTERFACE, "contact_force", *LOADED),
+        example(table_and_foam, INTERFACE, "contact_force", *LOADED),
         example(holding_workcell, INTERFACE, *LOADED),
         example(inserting_workcell, INTERFACE, *LOADED),
     ],

@@ -183,12 +183,13 @@ def test_torques_sticking_and_poses_of_the_tool_stand_in_the_log():
 
 
 def test_status_and_contact_state_say_what_their_values_mean():
-    stops = {"controller.integral_gain": 300.0, "station.sensors.force.faults": [{"kind": "nan", "start": 0.1}]}
+    stops = {"controller.integral_gain": 300.0, "station.sensors.force.faults": [{"kind": "nan", "start": 0.3}]}
     log = fc.run({"duration": 0.6}, fidelity="OneDimensional", overrides=stops).log
-    touching = log["contact_state"]
-    assert set(np.unique(touching)) == set(touching.attrs["flag_values"]) == {0.0, 1.0}
-    assert touching.attrs["flag_meanings"] == "apart touching"
-    np.testing.assert_array_equal(touching > 0.5, log["contact_force"] > 0.0)
+    state, touches = log["contact_state"], log["contact_force"].values > 0.0
+    assert state.attrs["flag_values"].tolist() == [0.0, 1.0, 2.0]
+    assert state.attrs["flag_meanings"] == "approach contact lost"
+    assert set(np.unique(state)) == {0.0, 1.0, 2.0}
+    np.testing.assert_array_equal((state == 1.0)[1:], touches[:-1])
     hundreds, tens, ones = (part.split(": ")[1] for part in log["status"].attrs["comment"].split("; "))
     reaction, cause, own = (int(digit) for digit in f"{int(log['status'].max()):03}")
     assert f"{reaction} retreat" in hundreds or f"{reaction} stop" in hundreds

@@ -40,6 +40,13 @@ def test_a_sweep_shards_merge_and_status(forcectl, tmp_path):
     assert (code, out.splitlines()[0]) == (0, "8 done")
 
 
+def test_a_shard_without_trials_says_so(forcectl, tmp_path):
+    file = write(tmp_path, arms={}, keys={STIFFNESS: [1e5]}, seeds=1)
+    code, out, _ = forcectl("sweep", file, "--shard", "2/2", "--out", "none", "--engine", "sequential", "--no-report")
+    assert (code, out.splitlines()[0]) == (0, "no trials in this shard")
+    assert forcectl("sweep", "--status", "none") == (0, "small: 0 trials\n", "")
+
+
 def test_failed_trials_give_exit_code_1(forcectl, tmp_path):
     file = write(tmp_path, overrides=small()["overrides"] | FAILING, arms={}, keys={STIFFNESS: [1e5, 2e5]})
     code, out, err = forcectl("sweep", file, "--out", "out", "--engine", "sequential")

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
+from pydrake.systems.controllers import InverseDynamicsController
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator, LinearSystem, ZeroOrderHold
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, RunFailedError
 from forcectl.testing import DropOut, Fault, Frozen, Noise, NotANumber, Spike, run_diagram
 
 PERIOD = 0.01
@@ -53,6 +56,25 @@ def test_all_readers_of_an_output_get_it(fault, value, port):
     log = readings(fault, port)
     np.testing.assert_allclose(log["double"][:, 0], 2 * value, atol=1e-12)
     np.testing.assert_allclose(log["triple"][:, 0], 3 * value, atol=1e-12)
+
+
+def test_what_drake_refuses_is_said_with_its_time():
+    """Drake's controller has a plant of its own, which takes no state that is not a number."""
+    plant = MultibodyPlant(0.0)
+    body = plant.AddRigidBody("arm", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    plant.AddJointActuator(
+        "motor", plant.AddJoint(RevoluteJoint("hinge", plant.world_frame(), body.body_frame(), [1, 0, 0]))
+    )
+    plant.Finalize()
+    builder = DiagramBuilder()
+    state = builder.AddNamedSystem("state", ConstantVectorSource(np.zeros(2)))
+    wanted = builder.AddNamedSystem("wanted", ConstantVectorSource(np.zeros(2)))
+    law = builder.AddNamedSystem("law", InverseDynamicsController(plant, [1.0], [0.0], [1.0], False))
+    builder.Connect(state.get_output_port(), law.get_input_port_estimated_state())
+    builder.Connect(wanted.get_output_port(), law.get_input_port_desired_state())
+    fault = {"state.y0": NotANumber(start=0.03)}
+    with pytest.raises(RunFailedError, match=r"^the simulation stopped at t = 0.03 s: .*AllFinite"):
+        run_diagram(builder.Build(), 0.1, period=PERIOD, outputs=["law.generalized_force"], faults=fault)
 
 
 def test_of_an_input_only_this_reader_gets_it():

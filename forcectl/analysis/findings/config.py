@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from forcectl.analysis.findings.finding import KINDS, RunFinding
 from forcectl.analysis.findings.force import Pressing, force_findings
 from forcectl.analysis.findings.guard import guard_findings
@@ -63,8 +65,9 @@ class FindingsConfig(Config):
             return
         sensors = setting.workcell.config.sensors.values()
         ranges = [sensor.range for sensor in sensors if hasattr(sensor, "range")]
+        filtered = all(getattr(sensor, "bandwidth", np.inf) * setting.workcell.period < 1 for sensor in sensors)
         truth = setting.truth
         compliances = truth.robot_compliance + truth.environment_compliance
         for (label, one), compliance in zip(surfaces(log), compliances, strict=True):
-            for each in force_findings(Pressing.of(one, float(compliance), motion), ranges, self):
+            for each in force_findings(Pressing.of(one, float(compliance), motion), ranges, self, filtered):
                 yield replace(each, text=f"{label[:-1]}: {each.text}") if label else each

@@ -14,7 +14,7 @@ from forcectl.analysis.findings.readings import reading_findings
 from forcectl.analysis.findings.swings import Swinging, rests, swinging, turning_points
 from forcectl.analysis.stretches import stretches
 from forcectl.estimation.environment import COMPLIANCE_BOUNDS
-from forcectl.plant.contact.contact_monitor import contact_lost
+from forcectl.plant.contact.contact_monitor import ContactMode
 
 if TYPE_CHECKING:
     from forcectl.analysis.findings.config import FindingsConfig
@@ -41,6 +41,7 @@ class Pressing(NamedTuple):
     Attributes:
         time: [s].
         desired, measured, true: forces [N].
+        contact: state of the contact, see `ContactMode`; None of a station that does not put it out.
         command: displacement [m]; None where it is not logged.
         motors: positions of the motors by the names of the joints [rad].
         closed: whether the loop is closed and the tool is not in motion along the surface.
@@ -52,6 +53,7 @@ class Pressing(NamedTuple):
     desired: Signal
     measured: Signal
     true: Signal
+    contact: Signal | None
     command: Signal | None
     motors: dict[str, Signal]
     closed: Mask
@@ -80,20 +82,24 @@ class Pressing(NamedTuple):
             names = [str(name) for name in log["joint"].values]
             motors = dict(zip(names, log["motor_position"].values.T, strict=True))
         estimate = log["environment_compliance"].values if "environment_compliance" in log else None
-        return cls(time, desired, measured, true, command, motors, closed, compliance, estimate)
+        contact = log["contact_state"].values if "contact_state" in log else None
+        return cls(time, desired, measured, true, contact, command, motors, closed, compliance, estimate)
 
 
-def force_findings(log: Pressing, ranges: list[float], config: FindingsConfig) -> Iterator[RunFinding]:
+def force_findings(
+    log: Pressing, ranges: list[float], config: FindingsConfig, filtered: bool = True
+) -> Iterator[RunFinding]:
     """What there is to say of one surface.
 
     Args:
         log: its signals.
         ranges: of the force sensors [N].
         config: thresholds.
+        filtered: whether the sensors have a filter that is slower than a tick.
     """
     yield from _sensor(log, ranges)
     if ranges:  # an estimated force is none that a sensor shows
-        yield from reading_findings(log.time, log.measured, log.true, min(ranges))
+        yield from reading_findings(log.time, log.measured, log.true, min(ranges), filtered)
     yield from _maximum(log, config)
     yield from _contact(log, config)
     yield from _command(log, config)
@@ -134,8 +140,7 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         yield finding("no_contact", text, _first(log, wanted))
         return
     # What begins while no force is wanted is no loss.
-    lost = contact_lost(log.true, _TOUCH * float(log.desired.max()))
-    losses = [part for part in stretches(lost) if wanted[part.start]]
+    losses = [part for part in _losses(log) if wanted[part.start]]
     spans = [float(log.time[min(part.stop, len(log.time) - 1)] - log.time[part.start]) for part in losses]
     for kind, kept, verb in (
         ("contact_lost", [k for k, span in enumerate(spans) if span > config.bounce], "lost"),
@@ -149,6 +154,20 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         else:
             text = f"contact {verb} lost for a moment {_times(len(kept))}, {max(spans[k] for k in kept):.3g} s at most"
         yield finding(kind, text, begin)
+
+
+def _losses(log: Pressing) -> list[slice]:
+    """Where the contact is lost; a light touch makes no contact that can be lost, and ends no loss."""
+    firm = log.true > _TOUCH * float(log.desired.max())
+    losses: list[slice] = []
+    if log.contact is None:
+        return losses
+    state = np.append(log.contact[1:], log.contact[-1:])  # it is that of the force a tick before
+    for part in stretches(state == ContactMode.LOST):
+        if firm[losses[-1].stop if losses else 0 : part.start].any():
+            after = firm[part.stop :]
+            losses.append(slice(part.start, part.stop + int(np.argmax(after)) if after.any() else len(firm)))
+    return losses
 
 
 def _command(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:

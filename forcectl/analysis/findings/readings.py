@@ -1,7 +1,7 @@
 """Findings of a force sensor whose readings are plausible one by one and yet wrong, from the log, its truth included.
 
-Between two readings that differ from it, one that repeats the reading before was lost or came late: behind its filter a
-sound sensor moves at every tick, or rests for many.
+A reading that repeats one shortly before, while others differ, was lost or came late: behind its filter a sound sensor
+moves at every tick, or rests for many. Without a filter its resolution alone repeats readings.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ Signal = NDArray[np.float64]
 
 _COUNTED = 200  # ticks in which repeated readings are counted
 _REPEATED = 0.1  # of them
+_LATE = 25  # ticks by which a reading may be late
 _ROUNDING = 1e-9  # of the largest reading, by which one that rests may change
 _AT_REST = 50  # ticks in which a force changes by less than
 _RESTS = 0.05  # of itself
@@ -25,7 +26,9 @@ _OFF = 0.2  # of the true force
 _LASTING = 5  # windows in a row, in which a filter of 6 rad/s comes as close as that after a step
 
 
-def reading_findings(time: Signal, measured: Signal, true: Signal, limit: float) -> Iterator[RunFinding]:
+def reading_findings(
+    time: Signal, measured: Signal, true: Signal, limit: float, filtered: bool = True
+) -> Iterator[RunFinding]:
     """What there is to say of the readings of one surface.
 
     Args:
@@ -33,23 +36,28 @@ def reading_findings(time: Signal, measured: Signal, true: Signal, limit: float)
         measured: shape (k,), finite or not [N].
         true: shape (k,) [N].
         limit: range of the sensor [N]; what is beyond is not compared.
+        filtered: whether the sensor has a filter that is slower than a tick.
     """
     measured = np.where(np.isfinite(measured), measured, 0.0)
-    yield from _repeated(time, measured)
+    if filtered:
+        yield from _repeated(time, measured)
     yield from _off(time, measured, true, limit)
 
 
 def _repeated(time: Signal, measured: Signal) -> Iterator[RunFinding]:
     if len(time) < _COUNTED:
         return
-    way = np.diff(measured)
-    moves = np.abs(way) > _ROUNDING * np.abs(measured).max()
-    alone = (way[1:-1] == 0.0) & moves[:-2] & moves[2:]
-    counts = np.convolve(alone, np.ones(_COUNTED), mode="valid")
+    moves = np.abs(np.diff(measured)) > _ROUNDING * np.abs(measured).max()
+    repeat = np.zeros(len(measured), dtype=bool)
+    repeat[2:-1] = (measured[2:-1] == measured[1:-2]) & moves[:-2] & moves[2:]
+    for lag in range(2, _LATE + 1):
+        back = measured[lag - 1 : -1] == measured[1 : len(measured) - lag + 1]  # the way it came, as at a turning point
+        repeat[lag:] |= (measured[lag:] == measured[:-lag]) & moves[lag - 1 :] & (~back | (lag == 2))
+    counts = np.convolve(repeat, np.ones(_COUNTED), mode="valid")
     often = counts >= _REPEATED * _COUNTED
     if often.any():
         begin = int(np.argmax(often))
-        text = f"the force sensor repeats {100 * counts.max() / _COUNTED:.0f} % of its readings, one at a time"
+        text = f"the force sensor repeats {100 * counts.max() / _COUNTED:.0f} % of its readings"
         yield finding("readings_repeated", f"{text}: samples are lost or late", float(time[begin]))
 
 

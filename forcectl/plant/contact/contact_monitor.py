@@ -6,10 +6,9 @@ mode: APPROACH -> CONTACT when F > threshold;  CONTACT -> LOST when F <= 0;  LOS
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.framework.batch import BatchValue, check
@@ -24,7 +23,7 @@ class ContactMode(IntEnum):
     LOST = 2
 
 
-_THRESHOLD = 1e-9  # [N]
+CONTACT_FORCE = 1e-9  # [N] from here on it is contact and not rounding
 _CONTACT, _LOST = float(ContactMode.CONTACT), float(ContactMode.LOST)
 
 
@@ -32,16 +31,6 @@ def next_mode(mode: BatchValue, force: BatchValue, threshold: BatchValue, m: Any
     """The mode after a sample of the true contact force [N]."""
     lost = m.where((mode == _CONTACT) & (force <= 0), _LOST, mode)
     return m.where(force > threshold, _CONTACT, lost)
-
-
-def contact_lost(force: NDArray[np.float64], threshold: float = _THRESHOLD) -> NDArray[np.bool_]:
-    """Whether the mode of `next_mode` is LOST after each sample of a logged true contact force, shape (k,) [N]."""
-    samples = np.arange(len(force))
-    touched = force > threshold
-    # Between zero and the threshold the mode stays as it is: that of the last sample that says something.
-    telling = np.maximum.accumulate(np.where(touched | (force <= 0), samples, 0))
-    lost: NDArray[np.bool_] = np.maximum.accumulate(touched) & (force[telling] <= 0)
-    return lost
 
 
 class ContactMonitor(SampledBatch):
@@ -62,7 +51,9 @@ class ContactMonitor(SampledBatch):
     Sampling: every `period` [s]; the outputs change one tick after the force they are from.
     """
 
-    def __init__(self, size: int, *, period: float = 0.002, threshold: float = _THRESHOLD):
+    port_meanings: ClassVar = {"contact_state": tuple(mode.name.lower() for mode in ContactMode)}
+
+    def __init__(self, size: int, *, period: float = 0.002, threshold: float = CONTACT_FORCE):
         super().__init__(size, {})
         self._threshold = check("threshold", threshold, "not negative")
         force = self.DeclareVectorInputPort("contact_force", size)

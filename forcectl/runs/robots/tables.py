@@ -41,10 +41,10 @@ def print_robot(report: RobotReport, console: Console) -> None:
 
 def _joints(robot: Understood, title: str) -> Table:
     table, parts = new_table(escape(title), "joint"), robot.explorer.parts
-    for column in ("from", "to", "unit", "speed [1/s]", "accel. [1/s2]", "torque [Nm]"):
-        table.add_column(column, justify="right")
-    for column in ("gravity [Nm]", "inertia [kg m2]"):
-        table.add_column(column, justify="right")
+    table.columns[0].no_wrap = False  # a long name is folded, and no number cut
+    given = ("from", "to", "unit", "speed\n[1/s]", "accel.\n[1/s2]", "torque\n[Nm]")
+    for column in (*given, "gravity\n[Nm]", "inertia\n[kg m2]"):
+        table.add_column(escape(column), justify="right", no_wrap=True)
     for i, joint in enumerate(parts.joints):
         turns = isinstance(joint, RevoluteJoint)
         ends = [float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])]
@@ -57,7 +57,7 @@ def _joints(robot: Understood, title: str) -> Table:
 
 
 def _arms(robot: Understood) -> Table:
-    table = new_table("Arms", "arm", "joints", "flange", "its place at the default posture [m]", "its z")
+    table = new_table("Arms", "arm", "joints", "flange", escape("its place at the default posture [m]"), "its z")
     for name, pose in robot.explorer.poses(robot.posture).items():
         arm = robot.explorer.parts.arms[name]
         place = ", ".join(f"{each:.3f}" for each in pose.translation())
@@ -70,7 +70,7 @@ def _arms(robot: Understood) -> Table:
 
 def _bodies(explorer: Explorer) -> Table:
     plant, inspector = explorer.plant, explorer.scene_graph.model_inspector()
-    table = new_table("Links", "link", "mass [kg]", "collision shapes")
+    table = new_table("Links", "link", escape("mass [kg]"), "collision shapes")
     total = 0.0
     for i in range(1, plant.num_bodies()):
         body = plant.get_body(BodyIndex(i))
@@ -97,4 +97,5 @@ def _assumed(parameters: ControlParameters) -> Table:
 def _limit(value: float) -> str:
     if not np.isfinite(value):
         return "none"
-    return f"{value:.3g}" if abs(value) >= 1e-6 else "0"
+    digits = 3 if abs(value) < 1e3 else 4
+    return f"{value:.{digits}g}" if abs(value) >= 1e-6 else "0"

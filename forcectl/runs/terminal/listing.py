@@ -122,10 +122,10 @@ def tag_keys(tag: str) -> dict[str, list[dict[str, str]]]:
 
 
 def new_table(title: str, *columns: str) -> Table:
-    """An empty table without borders; only targets and texts are wrapped."""
+    """An empty table without borders; only targets, directories and texts are wrapped."""
     table = Table(
         title=title or None, title_justify="left", title_style="bold", header_style="bold", box=None, pad_edge=False
     )
     for i, column in enumerate(columns):
-        table.add_column(column, no_wrap=i == 0 and column != "target", overflow="fold")
+        table.add_column(column, no_wrap=i == 0 and column not in ("target", "directory"), overflow="fold")
     return table

@@ -6,7 +6,6 @@ numbers, and bytes that depend on nothing else.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 from pathlib import Path
@@ -14,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.figures.file_names import file_name
 from forcectl.testing.golden.compare import as_log
 from forcectl.testing.runs import Log
-
-_LONGEST = 100  # characters of a file name
 
 
 def golden_path(test_file: Path, name: str, parameters: str, suffix: str) -> Path:
@@ -35,14 +33,6 @@ def golden_path(test_file: Path, name: str, parameters: str, suffix: str) -> Pat
     if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", name):
         raise invalid("name", name, "letters, digits, and _ . - between them")
     return test_file.parent / "golden" / test_file.stem / f"{name}{file_name(parameters, '--')}{suffix}"
-
-
-def file_name(text: str, prefix: str = "") -> str:
-    """A text as a part of a file name; where characters are lost, with a number that differs for other texts."""
-    plain = re.sub(r"[^A-Za-z0-9_.=+-]+", "_", text)
-    if plain != text or len(plain) > _LONGEST:
-        plain = f"{plain[:_LONGEST]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
-    return prefix + plain if plain else ""
 
 
 def read_log(path: Path) -> Log:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from forcectl.analysis.findings.force import Pressing, force_findings
 from forcectl.force.invariance.force_law import AdaptiveInvarianceConfig
 from forcectl.force.linear_law import VrftConfig
 from forcectl.motion.references import RampConfig, SequenceConfig, SineConfig
+from forcectl.plant.contact.contact_monitor import CONTACT_FORCE, ContactMode, next_mode
 from forcectl.plant.contact.surface import SurfaceConfig
 
 BASE = {"station.fidelity": "OneDimensional", "station.environment.stiffness": 5.9e3, "duration": 3.0}
@@ -81,6 +83,7 @@ def test_what_provokes_a_finding_has_it_and_what_is_near_has_not(kind: str) -> N
 
 
 SOUND: dict[str, dict[str, Any]] = {
+    "sensor without a filter": {"station.sensors.force.bandwidth": 1e6, "station.sensors.force.quantum": 0.5},
     "slow": {GAIN: 1.2, "duration": 4.0},
     "as the thesis": {GAIN: 1.5},
     "soft": {STIFFNESS: 1.5e3, GAIN: 1.5},
@@ -116,10 +119,15 @@ def test_a_run_that_is_too_short_says_so_without_a_warning() -> None:
 TIME = 0.002 * np.arange(2001)
 
 
+def next_state(state: float, force: float) -> float:
+    return float(next_mode(state, force, CONTACT_FORCE))
+
+
 def judged(true: Any, **changes: Any) -> list[RunFinding]:
     """Findings of a made-up true force under a reference of 10 N that the sensor shows as it is."""
     flat = np.full_like(TIME, 10.0)
     log = {"desired": flat, "measured": true, "true": true, "command": None, "motors": {}, "closed": flat > 0}
+    log["contact"] = np.fromiter(accumulate(true[:-1], next_state, initial=ContactMode.APPROACH), float)
     log |= {"time": TIME, "compliance": 1e-4, **changes}
     return list(force_findings(Pressing(**log), [100.0], FindingsConfig()))
 

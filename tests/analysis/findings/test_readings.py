@@ -29,6 +29,12 @@ def test_every_other_sample_lost():
     assert one.time == pytest.approx(TIME[500], abs=0.5)
 
 
+def test_readings_that_come_late_by_chance():
+    measured = TRUE + NOISE
+    late = np.random.default_rng(0).integers(0, 12, len(TIME)) * (TIME > 0.5)
+    assert kinds(measured[np.arange(len(TIME)) - late]) == ["readings_repeated"]
+
+
 def test_a_frozen_reading_repeats_itself_for_long():
     measured = np.where(TIME < 1.0, TRUE + NOISE, 15.0)
     assert kinds(measured) == []

@@ -14,7 +14,6 @@ import xarray as xr
 from pydrake.systems.framework import DiagramBuilder
 
 import forcectl
-from forcectl.diagrams.mechanics.station_surface import CONTACT_FORCE
 from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.diagrams.workcell import describe
@@ -22,6 +21,7 @@ from forcectl.doctor import Report
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_force_law import Adaptation
 from forcectl.force.invariance.robot import InvarianceRobotConfig, JointLimitConfig, OutputConfig
+from forcectl.plant.contact.contact_monitor import CONTACT_FORCE
 from forcectl.plant.plant_model import PlantModel
 from forcectl.scenario.scenario import build, load_scenario
 from forcectl.tasks.constraints.parts import WallConfig

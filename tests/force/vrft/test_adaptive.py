@@ -42,7 +42,7 @@ def between(share: float, first: str = "plastic", second: str = "aluminium") -> 
 def slide(
     controllers: list[ControllerConfig], path: tuple[str, ...] = PATH, seed: int = 0, stay: float = 12.0
 ) -> tuple[np.ndarray, ...]:
-    """Force less reference model and K_I over a path of materials, `stay` [s] on each; 20 N and 15 N in turns.
+    """Force minus reference model and K_I over a path of materials, `stay` [s] on each; 20 N and 15 N in turns.
 
     Args:
         controllers: which differ in nothing but their gains, each alone in a loop of the batch.

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcectl.errors import BadInputError
-from forcectl.plant.contact.contact_monitor import ContactMode, ContactMonitor, contact_lost, next_mode
+from forcectl.plant.contact.contact_monitor import ContactMode, ContactMonitor, next_mode
 from forcectl.testing import Log, assert_ports, run_diagram
 
 PERIOD = 0.002
@@ -59,8 +59,6 @@ def test_follows_the_state_machine(rows, threshold):
         modes, counts = expected(samples[:, element], threshold)
         assert log["contact_state"][:, element].tolist() == modes
         assert log["contact_losses"][:, element].tolist() == counts
-        lost = contact_lost(samples[:, element], threshold)
-        assert lost.tolist() == [mode == LOST for mode in modes[1:]]
 
 
 @given(st.sampled_from([APPROACH, CONTACT, LOST]), st.floats(-1.0, 5.0), st.floats(0.0, 2.0))

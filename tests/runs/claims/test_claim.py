@@ -57,6 +57,22 @@ def test_an_interrupted_write_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("turned_into", [ImportError, OSError])
+def test_an_interrupt_that_comes_out_as_another_error_leaves_nothing(tmp_path, turned_into):
+    """As where it passes through the start of a compiled module, such as those that draw figures."""
+
+    def fill(folder):
+        (folder / "one").write_text("1")
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as pressed:
+            raise turned_into("initialization of _imaging failed") from pressed
+
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(tmp_path / "run", fill)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_was_written_before_an_error_is_kept_beside(tmp_path):
     def fill(folder):
         (folder / "one").write_text("1")

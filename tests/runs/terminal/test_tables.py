@@ -1,15 +1,23 @@
-"""What `forcectl run` prints: tables that fit the terminal and never cut a number."""
+"""What the commands print: tables that fit the terminal and never cut a number."""
 
 from __future__ import annotations
 
 import io
 import re
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 import forcectl as fc
 from forcectl.analysis.tables.metric_tables import METRICS
+from forcectl.models import list_robots
+from forcectl.runs.claims.found import FoundResults
+from forcectl.runs.robots.report import examine_robot
+from forcectl.runs.robots.tables import print_robot
+from forcectl.runs.terminal.listing import catalog_tables, found_table
 from forcectl.runs.terminal.tables import (
     in_words,
     metrics_table,
@@ -18,14 +26,16 @@ from forcectl.runs.terminal.tables import (
     undefined,
     verdict_table,
 )
+from forcectl.runs.tuning_report import gains_table
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.expectations import Verdict, judge
 from forcectl.scenario.scenario import resolve, select_variants
+from forcectl.tuning.controller_basis import continuous_pid, discrete_pid, fir
 
 
-def text_of(table, width):
+def text_of(table, width, show=Console.print):
     console = Console(file=io.StringIO(), width=width)
-    console.print(table)
+    show(console, table)
     lines = console.file.getvalue().splitlines()
     assert max(map(len, lines)) <= width
     assert not any(re.search(r"\S…|…\S", line) for line in lines)  # which stands between two limits elsewhere
@@ -71,6 +81,47 @@ def test_no_table_of_a_shipped_experiment_cuts_a_number(name):
             for number in (v.ours, v.deviation if width > 100 else None):
                 assert number is None or f"{number:.4g}" in words or f"({number:.4g}" in words
         text_of(reproduction_lines([(name, verdicts)]), width)
+
+
+WIDTHS = pytest.mark.parametrize("width", [80, 120])
+
+
+@WIDTHS
+@pytest.mark.parametrize("basis", [continuous_pid(0.002), discrete_pid(0.002), fir(12, 0.002)], ids=lambda b: b.form)
+@pytest.mark.parametrize("known", [True, False])
+def test_no_table_of_gains_cuts_a_number(basis, known, width):
+    gains = -1.23456e-15 * (1.0 + np.arange(len(basis.names)) / 7)
+    shares = np.linspace(0.0123, 1.0, len(gains)) if known else None
+    fit = SimpleNamespace(basis=basis, gains=gains, noise_share=shares, vrft_gains=None, standard_errors=gains / 3.3)
+    words = text_of(gains_table(fit), width).split()
+    assert {f"{gain:.6g}" for gain in gains} | {f"{error:.2g}" for error in gains / 3.3} <= set(words)
+    assert not known or {f"{100 * share:.1f}" for share in shares} <= set(words)
+
+
+@pytest.mark.parametrize("robot", list_robots())
+def test_no_table_of_a_robot_cuts_a_number(robot):
+    report = examine_robot(robot)
+    found = zip(report.robot.found.gravity, report.robot.found.inertia, strict=True)
+    computed = dict(zip(report.robot.parameters.arm_joints, found, strict=True))
+    for width in (80, 120):
+        text = text_of(report, width, lambda console, report: print_robot(report, console))
+        for unit in ("[1/s]", "[1/s2]", "[kg m2]", "[kg]", "[Nm]"):
+            assert unit in text
+        rows = {cells[0]: cells[-2:] for line in text.splitlines() if len(cells := line.split()) == 9}
+        for name, numbers in computed.items():
+            assert [float(cell) for cell in rows[name]] == pytest.approx(numbers, rel=5e-3, abs=1e-6)
+
+
+@WIDTHS
+def test_lists_fit_and_say_where_and_what_results_are(width):
+    for table in catalog_tables():
+        text_of(table, width)
+    folder = Path("/where/many/people/keep/their/results/of/long/studies")
+    found = FoundResults(folder / f"{'a_long_name_' * 6}-12", "reproduction", "at work: process 12345 on a-machine")
+    text = text_of(found_table([found]), width)
+    joined = "".join(line[: text.splitlines()[0].index("kind")].strip() for line in text.splitlines()[1:])
+    assert joined == str(found.directory)
+    assert {"reproduction", "12345", "a-machine"} <= set(text.split())
 
 
 def test_a_number_that_is_not_there_is_said_in_words():
