@@ -3,8 +3,8 @@
     C_T(q) = n'(C_J(q) + C_L(q)) n + C_E,   C_J = J diag(1/k) J',   C_L = sum_i Ad_i C_i Ad_i'        (2.7)
 
 J is the Jacobian of the TCP in the world W, k the joint stiffness; C_i is the compliance of link i at a frame of it,
-diagonal in that frame's axes, and Ad_i carries small motions of that frame to the TCP. That of a uniform beam is diagonal
-at its middle: rotations L/EI and L/GJ, translations L^3/(12 EI) and L/EA.
+diagonal in that frame's axes, and Ad_i carries small motions of that frame to the TCP. That of a uniform beam is
+diagonal at its middle: rotations L/EI and L/GJ, translations L^3/(12 EI) and L/EA.
 
 Order of six-vectors: the thesis writes (translation, rotation), n = [n_t; 0]; Drake and this file write
 [rotation; translation], so the same direction is [0; n_t]. Arguments called `n` are the three-vector n_t in W.

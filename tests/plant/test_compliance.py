@@ -90,7 +90,7 @@ def test_the_default_posture_has_the_identified_compliance(robot):
 
 
 def beam(length: float, height: float, width: float, wall: float) -> tuple[np.ndarray, np.ndarray]:
-    """A hollow beam of cast aluminium about its middle: turns [rad/Nm] about, and moves [m/N] along, length, height, width.
+    """A hollow beam of cast aluminium at its middle, along length, height and width: turns [rad/Nm], moves [m/N].
 
     Half of its section carries shear; Bredt's formula for torsion.
     """

@@ -25,7 +25,7 @@ def test_a_coordinate_goes_to_its_set_point_from_either_side_and_not_beyond(dist
     output = RegulatedCoordinate(np.array([1.0, 0.0, 0.0]), distance, gamma)
     x, v, furthest = 0.0, 0.0, 0.0
     for _ in range(round(2.5 * (2 * np.sqrt(abs(distance) / -gamma) + 0.02) / PERIOD)):
-        a = output.regulate(x, v, PERIOD).wish
+        a = output.regulate(x, v, 0.0, PERIOD).wish
         x, v = x + PERIOD * v + 0.5 * PERIOD**2 * a, v + PERIOD * a
         furthest = max(furthest, x * np.sign(distance))
     assert x == pytest.approx(distance, abs=1e-9)
