@@ -44,6 +44,14 @@ class PositionDriveConfig(Config, in_batches=True):
 
     position_loop: PositionLoopConfig = key(PositionLoopConfig, "filter and delay of the joint references")
     servo: ServoConfig = key(ServoConfig, "position loops of the motors")
+    encoders: bool = key(
+        False, "true: controllers read positions by the encoders of a sensor !JointReadings, with its quantum"
+    )
+
+    @property
+    def readings(self) -> dict[str, str]:
+        """What stands for a signal that only the simulation knows, by its name."""
+        return {"motor_position": "joint_position"} if self.encoders else {}
 
     def delays(self) -> dict[str, float]:
         """Delays [s] by key of the station."""
