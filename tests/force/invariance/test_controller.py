@@ -12,7 +12,6 @@ from pydrake.systems.analysis import Simulator
 from forcectl.errors import BadInputError
 from forcectl.force.invariance.force_law import InvarianceForceLaw
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
-from forcectl.force.invariance.robot import OutputConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.qp.named_program import Coefficients, NamedProgram
 from forcectl.qp.quadratic_program import Status
@@ -168,17 +167,6 @@ def test_an_angle_of_the_tool_is_a_second_regulated_output(angle: float) -> None
     np.testing.assert_allclose(turned[-1], [0.0, angle, 0.0], atol=1e-5)
     assert moved[:, 2].min() > -STEP - 1e-7
     np.testing.assert_allclose(moved[-1], [0.0, 0.0, -STEP], atol=1e-6)
-
-
-def test_the_force_on_a_second_surface_is_a_regulated_output_and_the_compliance_couples_both() -> None:
-    """(3.37): at rest the tool is where -C F with the whole matrix says, for 15 N along z and 6 N along y."""
-    robot = np.array([[4e-5, 0.0, 0.0], [0.0, 3e-5, 1e-5], [0.0, 1e-5, 2e-5]])
-    config = OutputConfig(axis=[0.0, -1.0, 0.0], force=6.0, stiffness=1e4, gamma=-0.05)
-    moved = tips(drive(make(outputs=[config.output(robot, np.array([0.0, 0.0, 1.0]))]), 900))
-    beside = robot @ [0.0, -6.0, 15.0]
-    np.testing.assert_allclose(moved[-1, 1:], [6e-4 - beside[1], -STEP + 6.0 * 1e-5], atol=1e-7)
-    assert moved[:, 1].max() < moved[-1, 1] + 1e-8
-    assert moved[:, 2].min() > moved[-1, 2] - 1e-8
 
 
 def test_a_compliance_input_moves_the_set_point() -> None:
