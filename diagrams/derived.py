@@ -36,14 +36,17 @@ class Derived(NamedTuple):
     meanings: tuple[str, ...] = ()
 
 
-def joint_and_tool_signals(workcell: Workcell, motors: Array, links: Array, speeds: Array) -> dict[str, Derived]:
-    """Torques of the joint springs, which joints stick, and the poses of the tools.
+def joint_and_tool_signals(
+    workcell: Workcell, motors: Array, links: Array, speeds: Array, torque_known: bool
+) -> dict[str, Derived]:
+    """Torques of the joint springs and of the motors, which joints stick, and the poses of the tools.
 
     Args:
         workcell: with dynamics.
         motors: positions of the motors (k, n) [rad].
         links: positions of the links (k, n) [rad].
         speeds: of the motors (k, n) [rad/s].
+        torque_known: the drives put out the torque of the motors.
     """
     joints = ("joint", tuple(workcell.robot.parameters.arm_joints))
     sticks = np.where(np.isnan(speeds), np.nan, (speeds == 0.0).astype(float))
@@ -52,6 +55,11 @@ def joint_and_tool_signals(workcell: Workcell, motors: Array, links: Array, spee
     if workcell.config.elastic_joints:
         torques = workcell.spring_stiffness * (motors - links)
         found["spring_torque"] = Derived("Nm", torques, "of the joint springs on the links", *joints)
+        needed = getattr(workcell.config.drive, "needed_torque", None)
+        if needed is not None and not torque_known:
+            share = needed(workcell, torques, speeds) / workcell.robot.limits.torque
+            text = "of its torque limit, the most that each motor may have to give; above 1 a real one could not"
+            found["torque_share"] = Derived("1", share, text, *joints)
     arms = list(workcell.robot.parts.arms)
     positions, quaternions = _poses(workcell, arms, links)
     for name, unit, samples, parts, comment in (

@@ -135,7 +135,9 @@ class Loop(LoggedLoop):
         rows |= {name: probed[name][1] for name in SOURCES if name in probed}
         if len(rows) == len(SOURCES) and "motor_position" in self.signals and self.workcell.has_dynamics:
             motors = values[self.signals["motor_position"].rows].T
-            further |= joint_and_tool_signals(self.workcell, motors, rows["link_position"], rows["motor_velocity"])
+            known = self.station.HasOutputPort("motor_torque")
+            links, speeds = (rows[name] for name in SOURCES)
+            further |= joint_and_tool_signals(self.workcell, motors, links, speeds, known)
         return further
 
 

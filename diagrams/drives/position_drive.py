@@ -44,6 +44,14 @@ class PositionDriveConfig(Config, in_batches=True):
 
     position_loop: PositionLoopConfig = key(PositionLoopConfig, "filter and delay of the joint references")
     servo: ServoConfig = key(ServoConfig, "position loops of the motors")
+    encoders: bool = key(
+        False, "true: controllers read positions by the encoders of a sensor !JointReadings, with its quantum"
+    )
+
+    @property
+    def readings(self) -> dict[str, str]:
+        """What stands for a signal that only the simulation knows, by its name."""
+        return {"motor_position": "joint_position"} if self.encoders else {}
 
     def delays(self) -> dict[str, float]:
         """Delays [s] by key of the station."""
@@ -56,6 +64,26 @@ class PositionDriveConfig(Config, in_batches=True):
         """
         moved = self.servo.sampled_response(workcell.period) * self.position_loop.sampled_response(workcell.period)
         return contact.sampled_response(stiffness, workcell.period) * moved
+
+    def needed_torque(self, workcell: Workcell, springs: Vector, speeds: Vector) -> Vector:
+        """The most that the motors may have to give for a motion, shape (k, n) [Nm]; the drives have no limit.
+
+        That is inertia, joint springs and friction of the motors; where one sticks, any part of its Coulomb friction.
+
+        Args:
+            workcell: the workcell.
+            springs: torques of the joint springs on the links at the ticks (k, n) [Nm].
+            speeds: of the motors (k, n) [rad/s].
+        """
+        robot = workcell.robot
+        to_motor, parameters = joint_to_motor(robot), robot.parameters
+        axes = speeds @ to_motor.T
+        bends = np.diff(axes, axis=0, prepend=axes[:1]) / workcell.period
+        moved = springs @ np.linalg.inv(to_motor) + rotor_inertia(robot) * bends
+        moved += self.servo.friction_scale * parameters.viscous_friction * axes
+        rubbing = self.servo.friction_scale * parameters.coulomb_friction
+        most: Vector = np.where(axes == 0.0, np.abs(moved) + rubbing, np.abs(moved + rubbing * np.sign(axes)))
+        return most
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> System:
         """Add the block `drive`."""

@@ -54,6 +54,8 @@ def run_metrics(
             found |= {f"{label}{name}": value for name, value in own.items()}
     if "motor_torque" in log:
         found |= joint_metrics(log, setting.truth)
+    elif "torque_share" in log:
+        found["torque_share"] = float(log["torque_share"].max())
     return found
 
 

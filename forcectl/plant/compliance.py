@@ -2,8 +2,9 @@
 
     C_T(q) = n'(C_J(q) + C_L(q)) n + C_E,   C_J = J diag(1/k) J',   C_L = sum_i Ad_i C_i Ad_i'        (2.7)
 
-J is the Jacobian of the TCP in the world W, k the joint stiffness; C_i is the compliance of link i at its distal frame,
-diagonal in that frame's axes, and Ad_i carries small motions of that frame to the TCP.
+J is the Jacobian of the TCP in the world W, k the joint stiffness; C_i is the compliance of link i at a frame of it,
+diagonal in that frame's axes, and Ad_i carries small motions of that frame to the TCP. That of a uniform beam is
+diagonal at its middle: rotations L/EI and L/GJ, translations L^3/(12 EI) and L/EA.
 
 Order of six-vectors: the thesis writes (translation, rotation), n = [n_t; 0]; Drake and this file write
 [rotation; translation], so the same direction is [0; n_t]. Arguments called `n` are the three-vector n_t in W.
@@ -50,9 +51,9 @@ def link_compliance(X_WD: Sequence[RigidTransform], p_WT: Array, diagonals: Sequ
     """C_L = sum_i Ad_i diag(c_i) Ad_i', shape (6, 6) [rad/Nm, m/N and mixed].
 
     Args:
-        X_WD: pose in W of each link's distal frame.
+        X_WD: pose in W of a frame D of each link.
         p_WT: position of the TCP in W [m].
-        diagonals: per link three rotations [rad/Nm] and three translations [m/N] in the distal frame's axes.
+        diagonals: per link three rotations [rad/Nm] and three translations [m/N] in that frame's axes.
     """
     total = np.zeros((6, 6))
     for pose, diagonal in zip(X_WD, diagonals, strict=True):
@@ -78,8 +79,8 @@ def robot_compliance(robot: RobotModel, context: Context, stiffness: Array) -> A
         stiffness: joint stiffness, shape (n,) [Nm/rad].
     """
     compliance = joint_compliance(robot.jacobian(context), stiffness)
-    if robot.parameters.link_compliance:
+    if robot.link_compliance:
         poses = robot.link_poses(context)
-        diagonals = [robot.parameters.link_compliance[frame] for frame in poses]
+        diagonals = [robot.link_compliance[frame] for frame in poses]
         compliance += link_compliance(list(poses.values()), robot.pose(context).translation(), diagonals)
     return compliance

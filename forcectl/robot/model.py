@@ -159,6 +159,7 @@ class RobotModel(PlantJoints):
         tcp_frame: its tool centre point T.
         limits: joint limits.
         joint_stiffness: of the set in use [Nm/rad].
+        link_compliance: that goes with it, by frame, see the parameters.
         motor_from_joint: T, motor speeds per joint speeds, shape (n, n) [1].
         motor_inertia: T' diag(J_m) T, shape (n, n), joint side [kg m2].
         source: what `load` was given as robot and tool.
@@ -177,9 +178,9 @@ class RobotModel(PlantJoints):
         self.joint_stiffness = parameters.stiffness(stiffness_set)
         self.motor_from_joint = _motor_from_joint(parameters)
         self.motor_inertia = self.motor_from_joint.T @ np.diag(parameters.rotor_inertia) @ self.motor_from_joint
+        self.link_compliance = parameters.bending(stiffness_set)
         self._link_frames = {
-            frame: frame_named(plant, frame, parts.instance, "link_compliance frame")
-            for frame in parameters.link_compliance
+            frame: frame_named(plant, frame, parts.instance, "link_compliance frame") for frame in self.link_compliance
         }
 
     @classmethod
@@ -282,7 +283,7 @@ class RobotModel(PlantJoints):
         return bias
 
     def link_poses(self, context: Context) -> dict[str, RigidTransform]:
-        """Poses in the world of the distal frames named in the parameters' `link_compliance`."""
+        """Poses in the world of the frames named in `link_compliance`."""
         return {name: frame.CalcPoseInWorld(context) for name, frame in self._link_frames.items()}
 
     def gravity_torque(self, context: Context) -> Array:

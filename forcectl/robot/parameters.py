@@ -116,8 +116,11 @@ class ControlParameters(Config):
     motor_coupling: list[MotorCoupling] = key([], "motors that also turn with another joint")
     link_compliance: dict[str, np.ndarray] = key(
         {},
-        "by distal frame of a link: six diagonal entries, rotations then translations, in that frame's axes",
+        "by frame of a link: six diagonal entries, rotations then translations, in that frame's axes",
         unit="rad/Nm, m/N",
+    )
+    link_compliance_sets: list[str] = key(
+        [], "sets of joint stiffness to which it is added; empty: every one. The others include it already"
     )
     assumed: dict[str, str] = field(default_factory=dict, init=False)  # keys that were left out, and the rule instead
 
@@ -156,6 +159,11 @@ class ControlParameters(Config):
         if name not in self.joint_stiffness:
             raise unknown("stiffness set", name, self.joint_stiffness)
         return self.joint_stiffness[name]
+
+    def bending(self, name: str | None = None) -> dict[str, np.ndarray]:
+        """The link compliance that goes with a joint-stiffness set; nothing where the set includes it."""
+        name = self.default_stiffness_set if name is None else name
+        return {} if self.link_compliance_sets and name not in self.link_compliance_sets else self.link_compliance
 
     def only(self, arm: str) -> ControlParameters:
         """The parameters of one arm of a robot that has several; the joints of the others are held in the default
@@ -304,6 +312,8 @@ def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
         yield f"ignored_collisions.{i}", pair, "two different links", len(pair) == 2 and len(set(pair)) == 2
     for frame, compliance in parameters.link_compliance.items():
         yield _numbers(f"link_compliance.{frame}", compliance, 6, "not negative")
+    for name in parameters.link_compliance_sets:
+        yield "link_compliance_sets", name, f"stiffness sets ({known})", name in parameters.joint_stiffness
     for i, coupling in enumerate(parameters.motor_coupling):
         for name in ("motor_of", "driven_by"):
             joint = getattr(coupling, name)

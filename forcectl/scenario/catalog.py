@@ -89,6 +89,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "KeptForce": "forcectl.analysis.kept_force:KeptForceAnalysis",
         "WrenchErrors": "forcectl.analysis.wrench_errors:WrenchErrorAnalysis",
         "SurfaceAlignment": "forcectl.analysis.contact.surface_alignment:SurfaceAlignmentAnalysis",
+        "SideForce": "forcectl.analysis.contact.side_force:SideForceAnalysis",
         "TouchDown": "forcectl.analysis.contact.touch_down:TouchDownAnalysis",
     },
     "fidelity": {

@@ -116,6 +116,28 @@ def test_behind_a_joint_interface_motors_are_known_by_its_readings():
         fc.build(fc.load_scenario({"station": {"drive": "!JointInterface", "fidelity": "Multibody"}}))
 
 
+def test_a_force_loop_takes_the_positions_of_its_motors_from_encoders_where_it_says_so():
+    """`docs/hunting.md`: whole quanta, and what else the controller reads is as before."""
+    text = """
+    station:
+      fidelity: Multibody
+      sensors: {force: !WristForce {}, joints: !JointReadings {quantum: 1.0e-6}}
+      drive: !PositionLoop {encoders: true}
+    controller: !AdaptiveInvariance {}
+    duration: 0.1
+    """
+    loop = fc.build(fc.load_scenario(parse(text, "own.yaml")))
+    controller, station = (loop.diagram.GetSubsystemByName(name) for name in ("controller", "station"))
+    given = loop.diagram.connection_map()[(controller, controller.GetInputPort("motor_position").get_index())]
+    assert given == (station, station.GetOutputPort("joint_position").get_index())
+    log = fc.run(parse(text, "own.yaml")).log
+    read, exact = log["joint_position"].values, log["motor_position"].values
+    np.testing.assert_allclose(read / 1e-6, np.round(read / 1e-6), atol=1e-6)
+    assert 0 < np.abs(read[1:] - exact[1:]).max() < 0.51e-6
+    with pytest.raises(fc.BadInputError, match=r"controller wants joint_position .*, which nothing puts out"):
+        fc.build(fc.load_scenario({"station": {"drive": {"encoders": True}}}))
+
+
 def test_a_projection_is_the_force_along_the_normal():
     loop = fc.build(fc.load_scenario(scenario()))
     projection = loop.diagram.GetSubsystemByName("measured_force_projection")

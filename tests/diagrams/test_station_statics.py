@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.common.yaml import yaml_dump
+from pydrake.common.yaml import yaml_dump, yaml_load
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
@@ -144,9 +144,8 @@ def bending_robot(tmp_path: Path) -> Path:
         "link_3": [2e-5, 3e-5, 1e-5, 2e-6, 1e-6, 4e-6],
         "flange": [1e-5, 2e-5, 1e-5, 3e-6, 5e-6, 1e-6],
     }
-    text = parameters.read_text()
-    assert "link_compliance: {}" in text
-    parameters.write_text(text.replace("link_compliance: {}", yaml_dump({"link_compliance": frames})))
+    data = yaml_load(filename=parameters)
+    parameters.write_text(yaml_dump(data | {"link_compliance": frames, "link_compliance_sets": []}))
     return folder
 
 

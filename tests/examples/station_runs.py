@@ -76,10 +76,10 @@ def compliance_of(workcell: Workcell) -> float:
     links = 0.0
     p_WT = robot.pose(context).translation()
     for name, X_WD in robot.link_poses(context).items():
-        # A force along n at T, and the moments it has about the distal frame, in that frame's axes.
+        # A force along n at T, and the moments it has about the link's frame, in that frame's axes.
         to_frame = X_WD.rotation().matrix().T
         moment = to_frame @ np.cross(p_WT - X_WD.translation(), workcell.contact.n)
-        links += np.concatenate([moment, to_frame @ workcell.contact.n]) ** 2 @ robot.parameters.link_compliance[name]
+        links += np.concatenate([moment, to_frame @ workcell.contact.n]) ** 2 @ robot.link_compliance[name]
     return float(row**2 @ (1 / robot.joint_stiffness) + links + 1 / workcell.config.environment.stiffness)
 
 

@@ -89,6 +89,40 @@ def test_the_default_posture_has_the_identified_compliance(robot):
     assert along(robot, z, q, robot.joint_stiffness) == pytest.approx(3.2e-5, rel=1e-9)
 
 
+def beam(length: float, height: float, width: float, wall: float) -> tuple[np.ndarray, np.ndarray]:
+    """A hollow beam of cast aluminium at its middle, along length, height and width: turns [rad/Nm], moves [m/N].
+
+    Half of its section carries shear; Bredt's formula for torsion.
+    """
+    inner_height, inner_width = height - 2 * wall, width - 2 * wall
+    area = height * width - inner_height * inner_width
+    I_height = (width * height**3 - inner_width * inner_height**3) / 12
+    I_width = (height * width**3 - inner_height * inner_width**3) / 12
+    h, w = height - wall, width - wall
+    torsion = 4 * (h * w) ** 2 * wall / (2 * (h + w))
+    young, shear = 70e9, 26e9
+    sheared = length / (shear * area / 2)
+    turns = length / np.array([shear * torsion, young * I_width, young * I_height])
+    bends = [length**3 / (12 * young * each) + sheared for each in (I_height, I_width)]
+    return turns, np.array([length / (young * area), *bends])
+
+
+def test_links_of_the_comau_bend_like_the_beams_in_its_file():
+    robot = RobotModel.load(stiffness_set="bending")
+    forearm = np.concatenate(beam(0.64707, 0.122, 0.133, 0.008))  # along x, its height along z
+    np.testing.assert_allclose(robot.link_compliance["forearm_middle"], forearm[[0, 2, 1, 3, 5, 4]], rtol=1e-3)
+    upper_arm = np.concatenate(beam(0.59, 0.19, 0.16, 0.01))  # along z, its height along x
+    np.testing.assert_allclose(robot.link_compliance["upper_arm_middle"], upper_arm[[1, 2, 0, 4, 5, 3]], rtol=1e-3)
+
+
+def test_with_links_that_bend_the_default_posture_is_as_compliant_and_its_joints_are_stiffer(robot):
+    bending = RobotModel.load(stiffness_set="bending")
+    z, q = np.array([0.0, 0.0, 1.0]), robot.parameters.default_posture
+    assert along(bending, z, q, bending.joint_stiffness) == pytest.approx(3.2e-5, rel=1e-4)
+    assert (bending.joint_stiffness > 3 * robot.joint_stiffness).all()
+    np.testing.assert_allclose(bending.joint_stiffness, robot.parameters.stiffness("estimated") / 2)
+
+
 @pytest.mark.parametrize("n", [(0, 0, 1), (1, 0, 0), (0.6, -0.48, 0.64)])
 def test_any_posture_has_that_of_the_formula(robot, n):
     context = robot.create_context()

@@ -19,7 +19,9 @@ def test_comau_parameters():
     assert parameters.default_stiffness_set == "calibrated"
     np.testing.assert_allclose(parameters.stiffness("estimated"), [250000, 250000, 120000, 35000, 15000, 10000])
     np.testing.assert_allclose(parameters.coulomb_friction, [37.72196, 51.81806, 30.20939, 4.53526, 5.78290, 5.30711])
-    assert parameters.link_compliance == {}
+    # What gears alone are as soft as goes with links that bend; the others include it.
+    assert parameters.bending("bending") == parameters.link_compliance
+    assert parameters.bending() == parameters.bending("estimated") == {}
 
 
 def test_parameters_cannot_be_changed_by_accident():
@@ -68,6 +70,11 @@ MISTAKES = [
     ("[shoulder, elbow, wrist]", "[shoulder, elbow, elbow]", "must be different joint names"),
     ("[shoulder, elbow, wrist]", "shoulder", "arm_joints = 'shoulder': must be a list"),
     ("period: 0.004", "period: 0.004\nlink_compliance: {hand: [0, 0, 0]}", "link_compliance.hand"),
+    (
+        "period: 0.004",
+        "period: 0.004\nlink_compliance_sets: [sof]",
+        "link_compliance_sets = 'sof': must be stiffness sets (",
+    ),
     (
         "period: 0.004",
         "period: 0.004\nmotor_coupling: [{motor_of: thumb, driven_by: elbow, factor: 1}]",

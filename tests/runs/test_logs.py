@@ -172,6 +172,10 @@ def test_torques_sticking_and_poses_of_the_tool_stand_in_the_log():
     assert log["stick_state"].attrs["flag_meanings"] == "moves sticks"
     assert log["spring_torque"].attrs["units"] == "Nm"
     np.testing.assert_allclose(log["spring_torque"][0], workcell.gravity_torque, rtol=1e-6, atol=1e-9)
+    assert log["torque_share"].dims == ("time", "joint")
+    friction = workcell.robot.parameters.coulomb_friction
+    held = (np.abs(workcell.gravity_torque) + friction) / workcell.robot.limits.torque
+    np.testing.assert_allclose(log["torque_share"][0, :4], held[:4], rtol=1e-3)
     moved = np.diff(log["motor_position"].values, axis=0) != 0
     assert not (moved & (log["stick_state"].values[1:] == 1) & (log["stick_state"].values[:-1] == 1)).any()
     assert 0 < log["stick_state"].mean() < 1

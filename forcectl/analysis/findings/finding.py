@@ -60,6 +60,9 @@ KINDS: dict[str, Kind] = {
     "command_saturated": Kind(
         Severity.WARNING, "a command stood still at its extreme while more was needed, or a motor torque at its limit"
     ),
+    "torque_beyond_limits": Kind(
+        Severity.WARNING, "the motion may have needed more torque than a motor has, from drives without a limit"
+    ),
     "estimate_at_bound": Kind(
         Severity.WARNING, "an estimated compliance stood at its bound, and explained the force no longer"
     ),

@@ -58,6 +58,10 @@ def joint_findings(log: Any, setting: Setting, config: FindingsConfig) -> Iterat
             share = 100 * float(full[:, k].mean())
             text = f"the motor torque of {names[k]} is at its limit of {limits.torque[k]:.4g} Nm"
             yield finding("command_saturated", f"{text} in {share:.2g} % of the ticks", _first(time, full[:, k]))
+    if (shares := signals.get("torque_share")) is not None:
+        for k in np.flatnonzero((shares > 1.0).sum(axis=0) > _FEW):
+            text = f"{names[k]} may need {100 * shares[:, k].max():.0f} % of the torque that its motor has"
+            yield finding("torque_beyond_limits", text, _first(time, shares[:, k] > 1.0))
     if command is not None and speed is not None:
         period = setting.truth.period
         most = reversals_at_rest(command, speed, period)

@@ -13,6 +13,7 @@ from forcectl.analysis.tables.task_tables import (
     ASSEMBLY_METRICS,
     INSERTION_METRICS,
     KEPT_FORCE_METRICS,
+    SIDE_FORCE_METRICS,
     SURFACE_ALIGNMENT_METRICS,
     TRANSITION_METRICS,
 )
@@ -43,7 +44,11 @@ LOOP_METRICS: dict[str, Metric] = {
         "most reversals of a joint of the reference at rest within a second",
         "changes of the sign of q''_ref within a second, while q_ref stays within 2 mrad for 0.2 s",
     ),
-    "torque_share": Metric("1", "largest motor torque as a share of its limit", "max |torque| / limit"),
+    "torque_share": Metric(
+        "1",
+        "largest motor torque as a share of its limit; of drives without a limit, the most that they may need",
+        "max |torque| / limit",
+    ),
     "peak_contact_force_N": Metric(
         "N", "largest sum of true contact forces on an arm", "max over arms and time of the sum of |contact forces|"
     ),
@@ -275,7 +280,7 @@ ALIGNMENT_METRICS: dict[str, Metric] = {
 }
 ANALYSIS_METRICS = FORCE_METRICS | WRENCH_ERROR_METRICS | FRICTION_METRICS | REACH_METRICS | ALIGNMENT_METRICS
 ANALYSIS_METRICS |= TRANSITION_METRICS | INSERTION_METRICS | KEPT_FORCE_METRICS | ASSEMBLY_METRICS
-ANALYSIS_METRICS |= SURFACE_ALIGNMENT_METRICS
+ANALYSIS_METRICS |= SURFACE_ALIGNMENT_METRICS | SIDE_FORCE_METRICS
 MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
 
 

@@ -144,3 +144,19 @@ SURFACE_ALIGNMENT_METRICS: dict[str, Metric] = {
         "positive: presses too hard",
     ),
 }
+SIDE_FORCE_METRICS: dict[str, Metric] = {
+    "side_force_overshoot_pct": Metric(
+        "%", "overshoot of the true force on the second surface", "100 max(F_c2 - `force`, 0) / `force`"
+    ),
+    "side_force_settling_2pct_s": Metric(
+        "s",
+        "from the start until that force stays within 2 % of what is wanted",
+        "last t with |F_c2 - `force`| > 0.02 `force`",
+    ),
+    "side_force_error_N": Metric(
+        "N",
+        "what is missing of that force in the last tenth of the run",
+        "mean(`force` - F_c2)",
+        "positive: too little",
+    ),
+}

@@ -193,6 +193,8 @@ class InvarianceController(SampledBlock):
         self._constraints = ConstraintSet(everything, limits, self._origin, self._period, constraint_gamma)
 
         self._outputs = tuple(outputs)
+        # Along -n, under the forces of other surfaces.
+        self._given_way = sum(output.coupling * output.force for output in self._outputs)
         self._axes = np.vstack([np.append(np.zeros(3), model.n), *(output.row for output in outputs)])
         if not np.allclose(self._axes @ self._axes.T, np.eye(len(self._axes)), atol=1e-6):
             raise BadInputError("their axes must be perpendicular to the normal and to each other", key="outputs")
@@ -353,10 +355,11 @@ class InvarianceController(SampledBlock):
             state = ReferenceState(state.desired, 0.0, 0.0)
             return InvarianceTick(motion, rows, along, x, rate, state, in_sensor, None, None, False, (now, last))
         desired = min(desired, self._maximum_force)
-        force, state = regulate_force(x[0], rates[0], desired, compliance, state, self._gamma, self._upper, Ts)
+        depth = x[0] + self._given_way
+        force, state = regulate_force(depth, rates[0], desired, compliance, state, self._gamma, self._upper, Ts)
         outputs = [force]
         for output, xi, vi in zip(self._outputs, x[1:], rates[1:], strict=True):
-            outputs.append(output.regulate(xi, vi, Ts))
+            outputs.append(output.regulate(xi, vi, desired, Ts))
         if self._nominal_gain is not None:
             # The acceleration of the integral law.
             wish = (-self._nominal_gain * (compliance * (measured - desired)) - force.rate) / Ts

@@ -3,6 +3,7 @@
 force        y = -dx_bar - C_T_hat F_bar,    y'' = -dx_bar''                                    (3.44), (3.50)
 coordinate   y = x - x_d,                    y'' = x''                                          (3.37)
 angle        the same with the angle of the tool about an axis
+side force   a coordinate into a second surface with x_d = C_22 F_2 + C_21 F_bar; the force then has y - C_12 F_2
 """
 
 from __future__ import annotations
@@ -46,21 +47,26 @@ class RegulatedCoordinate:
         displacement: set point along it, or about it, from the start [m or rad].
         gamma: deceleration towards it [m/s^2 or rad/s^2], < 0.
         turns: whether it is an angle about the axis.
+        force: F_2, that a surface across the axis carries at this displacement [N].
+        coupling: C_21 = C_12, by which the robot gives way along one of the axis and -n under a force along the other
+            [m/N].
     """
 
     axis: Vector
     displacement: float
     gamma: float
     turns: bool = False
+    force: float = 0.0
+    coupling: float = 0.0
 
     @property
     def row(self) -> Vector:
         """The axis as a spatial one, rotations first, (6,)."""
         return np.concatenate([self.axis, np.zeros(3)] if self.turns else [np.zeros(3), self.axis])
 
-    def regulate(self, x: float, v: float, period: float) -> Regulated:
-        """At displacement x [m or rad] and speed v [m/s or rad/s]."""
-        y = x - self.displacement
+    def regulate(self, x: float, v: float, desired: float, period: float) -> Regulated:
+        """At displacement x [m or rad] and speed v [m/s or rad/s] beside a desired force F_bar [N]."""
+        y = x - self.displacement - self.coupling * desired
         a = one_step_acceleration(y, v, self.gamma, -self.gamma, period, SCALAR_MATH)
         return Regulated(y, v, a, a)
 

@@ -18,6 +18,7 @@ from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag, sensor_model
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import export_all_outputs
+from forcectl.plant.compliance import robot_compliance
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
 from forcectl.robot.model import JointLimits, unit_normal
@@ -91,28 +92,42 @@ class JointLimitConfig(Config):
 
 @dataclass(kw_only=True)
 class OutputConfig(Config):
-    """A Cartesian coordinate, or an angle of the tool, that is regulated beside the force."""
+    """A Cartesian coordinate, an angle of the tool, or the force on a second surface, regulated beside the force."""
 
     axis: list[float] = key(
-        meaning="in W; that of a coordinate perpendicular to the normal, and each to those of its kind",
+        meaning="in W, of a force the outward normal; of coordinates and forces perpendicular to n and to each other",
         bounds="not all zero",
         size=3,
     )
     displacement: float | None = key(None, "set point along it from the start", unit="m")
     angle: float | None = key(None, "set point about it from the start", unit="rad", bounds="from -1 to 1")
+    force: float | None = key(
+        None, "on a surface that the tool touches at the start, through its compliance", unit="N", bounds="positive"
+    )
+    stiffness: float = key(1e4, "of that surface", unit="N/m", bounds="from 1 to 1e+08")
     gamma: float = key(-0.1, "deceleration towards it, of an angle in rad/s^2", unit="m/s^2", bounds="below zero")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.displacement is None) == (self.angle is None):
-            raise BadInputError(" needs either a displacement or an angle, not both", key="axis")
+        if sum(each is not None for each in (self.displacement, self.angle, self.force)) != 1:
+            raise BadInputError(" needs one of displacement, angle and force", key="axis")
 
-    def output(self) -> RegulatedCoordinate:
-        """What is regulated."""
+    def output(self, compliance: Array, n: Array) -> RegulatedCoordinate:
+        """What is regulated.
+
+        Args:
+            compliance: of the robot at the TCP in W, shape (3, 3) [m/N].
+            n: outward normal of the first surface in W, shape (3,).
+        """
         axis = unit_normal(self.axis)
         if self.angle is not None:
             return RegulatedCoordinate(axis, self.angle, self.gamma, turns=True)
-        return RegulatedCoordinate(axis, self.displacement or 0.0, self.gamma)
+        if self.force is None:
+            return RegulatedCoordinate(axis, self.displacement or 0.0, self.gamma)
+        own = float(axis @ compliance @ axis) + 1 / self.stiffness
+        return RegulatedCoordinate(
+            -axis, own * self.force, self.gamma, force=self.force, coupling=float(n @ compliance @ axis)
+        )
 
 
 @dataclass(kw_only=True)
@@ -130,14 +145,18 @@ class InvarianceRobotConfig(Config):
     tracking_acceleration: float = key(2.0, "largest, in the unconstrained directions", unit="m/s^2", bounds="positive")
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
     constraints: list[Any] = slot("constraint", list, "beside those of joints and force")
-    outputs: list[OutputConfig] = key([], "coordinates and angles that are regulated beside the force")
+    outputs: list[OutputConfig] = key([], "coordinates, angles and further forces that are regulated beside the force")
     solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
-        """Add the controller; without adaptation its model has `compliance_error` times the true total compliance."""
+        """Add the controller; without adaptation its model has `compliance_error` times the true total compliance.
+
+        That of the robot alone has the same error.
+        """
         if model.robot is None:
             raise BadInputError("controller !InvarianceRobot commands joints: there must be a robot in the loop")
         known = self.compliance_error * model.total_compliance.item()
+        compliance = self.compliance_error * _robot_compliance(model)
         controller = InvarianceController(
             model,
             compliance=known if self.adaptation is None else None,
@@ -148,7 +167,7 @@ class InvarianceRobotConfig(Config):
             metric=self.metric,
             limits=self.limits.limits(model.known_robot().limits),
             constraints=constraints_of(self.constraints, model),
-            outputs=[output.output() for output in self.outputs],
+            outputs=[output.output(compliance, model.n) for output in self.outputs],
             tracking_bandwidth=self.tracking_bandwidth,
             tracking_acceleration=self.tracking_acceleration,
             sensor=SensorLag.of(model),
@@ -159,3 +178,12 @@ class InvarianceRobotConfig(Config):
             return builder.AddNamedSystem("invariance_controller", controller)
         block = AdaptiveInvarianceController(controller, self.adaptation.estimator(model), model)
         return builder.AddNamedSystem("invariance_controller", block)
+
+
+def _robot_compliance(model: PlantModel) -> Array:
+    """Compliance of the TCP at the start, shape (3, 3) [m/N], scaled to the C_R that the model has along n."""
+    robot = model.known_robot()
+    whole = robot_compliance(robot, robot.context_at(model.start), robot.joint_stiffness)[3:, 3:]
+    along = float(model.n @ whole @ model.n)
+    scaled: Array = whole * (model.robot_compliance.item() / along)
+    return scaled

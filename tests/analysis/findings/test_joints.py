@@ -105,6 +105,13 @@ def test_a_motor_at_its_torque_limit_is_saturated() -> None:
     assert of_joints(motor_torque=on_joint(2, 0.98 * LIMITS.torque[2] * np.sin(7 * TIME))) == []
 
 
+def test_a_drive_without_a_limit_is_told_of_a_motor_that_may_need_more_than_it_has() -> None:
+    (one,) = of_joints(torque_share=on_joint(2, 1.2 * np.sin(7 * TIME)))
+    assert one.kind == "torque_beyond_limits"
+    assert one.text == f"{JOINTS[2]} may need 120 % of the torque that its motor has"
+    assert of_joints(torque_share=on_joint(2, 0.98 * np.sin(7 * TIME))) == []
+
+
 @pytest.mark.parametrize(("frequency", "kinds"), [(14.0, ["chatter"]), (2.0, [])])
 def test_commands_that_turn_round_at_rest_chatter(frequency: float, kinds: list[str]) -> None:
     phase = 2 * np.pi * frequency * TIME
@@ -216,4 +223,5 @@ def test_every_kind_is_provoked_here_or_in_the_tests_of_force_loops() -> None:
     here = {"command_beyond_limits", "links_beyond_limits", "command_saturated", "chatter", "stick_slip", "held"}
     here |= {"target_not_reached", "target_stalled", "solver_fallback", "machine_failed", "machine_not_ended"}
     here |= {"guarded", "guard_stopped"}  # in test_guard
+    here |= {"torque_beyond_limits"}
     assert set(KINDS) == here | set(CASES)

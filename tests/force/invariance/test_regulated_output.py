@@ -14,8 +14,12 @@ from forcectl.force.invariance.regulated_output import (
     corrected,
     regulate_force,
 )
+from forcectl.force.invariance.robot import OutputConfig
+from tests.examples.robot_controller_runs import COMPLIANCE as WHOLE
+from tests.examples.robot_controller_runs import drive, make, tips
 
 PERIOD, GAMMA, COMPLIANCE = 0.002, -0.1, 2e-4
+DEPTH = 15.0 * WHOLE  # of 15 N on the robot [m]
 REST = ReferenceState(0.0, 0.0, 0.0)
 
 
@@ -25,7 +29,7 @@ def test_a_coordinate_goes_to_its_set_point_from_either_side_and_not_beyond(dist
     output = RegulatedCoordinate(np.array([1.0, 0.0, 0.0]), distance, gamma)
     x, v, furthest = 0.0, 0.0, 0.0
     for _ in range(round(2.5 * (2 * np.sqrt(abs(distance) / -gamma) + 0.02) / PERIOD)):
-        a = output.regulate(x, v, PERIOD).wish
+        a = output.regulate(x, v, 0.0, PERIOD).wish
         x, v = x + PERIOD * v + 0.5 * PERIOD**2 * a, v + PERIOD * a
         furthest = max(furthest, x * np.sign(distance))
     assert x == pytest.approx(distance, abs=1e-9)
@@ -46,3 +50,14 @@ def test_a_nominal_acceleration_is_limited_only_where_the_constraint_asks_for_it
     assert corrected(near, 3.0, GAMMA, PERIOD).bound == pytest.approx(GAMMA, rel=0.05)
     assert -0.1 <= corrected(beyond, 3.0, GAMMA, PERIOD).bound < 0
     assert corrected(far, 3.0, GAMMA, PERIOD).wish == 3.0
+
+
+def test_the_force_on_a_second_surface_is_a_regulated_output_and_the_compliance_couples_both() -> None:
+    """(3.37): at rest the tool is where -C F with the whole matrix says, for 15 N along z and 6 N along y."""
+    robot = np.array([[4e-5, 0.0, 0.0], [0.0, 3e-5, 1e-5], [0.0, 1e-5, 2e-5]])
+    config = OutputConfig(axis=[0.0, -1.0, 0.0], force=6.0, stiffness=1e4, gamma=-0.05)
+    moved = tips(drive(make(outputs=[config.output(robot, np.array([0.0, 0.0, 1.0]))]), 900))
+    beside = robot @ [0.0, -6.0, 15.0]
+    np.testing.assert_allclose(moved[-1, 1:], [6e-4 - beside[1], -DEPTH + 6.0 * 1e-5], atol=1e-7)
+    assert moved[:, 1].max() < moved[-1, 1] + 1e-8
+    assert moved[:, 2].min() > moved[-1, 2] - 1e-8

@@ -203,7 +203,7 @@ def test_a_users_wall_and_one_of_the_scenario_stop_the_motion_while_the_force_is
         ("constraints: [!Wall {point: [1, 0], normal: [1, 0, 0]}]", "constraints.0.point = [1.0, 0.0]: must be three"),
         ("outputs: [{axis: [0, 1], displacement: 0.1}]", "controller.outputs.0.axis = [0.0, 1.0]: must be three"),
         ("outputs: [{axis: [0, 0, 0], displacement: 0.1}]", "controller.outputs.0.axis = [0.0, 0.0, 0.0]: must be"),
-        ("outputs: [{axis: [0, 1, 0]}]", "controller.outputs.0.axis needs either a displacement or an angle"),
+        ("outputs: [{axis: [0, 1, 0]}]", "controller.outputs.0.axis needs one of displacement, angle"),
         ("outputs: [{axis: [0, 1, 0], angle: 2}]", "controller.outputs.0.angle = 2.0: must be from -1 to 1"),
         ("constraints: [!Wall {point: [1, 0, 0], normal: [0, 0, 0]}]", "not all zero"),
         ("constraints: [!Wall {point: [1, 0, 0], normal: [1, 0, 0], gamma: 1}]", "gamma = 1.0: must be below zero"),
@@ -246,6 +246,12 @@ def test_values_that_contradict_the_robot_are_refused_when_it_is_built(
 ) -> None:
     with pytest.raises(BadInputError, match=message):
         build(load_scenario({}, overrides={"controller": config}))
+
+
+@pytest.mark.parametrize("several", [{}, {"force": 5.0, "displacement": 0.01}, {"angle": 0.1, "force": 5.0}])
+def test_a_regulated_output_is_one_of_three_things(several: dict[str, float]) -> None:
+    with pytest.raises(BadInputError, match="axis needs one of displacement, angle and force"):
+        OutputConfig(axis=[0.0, 1.0, 0.0], **several)
 
 
 def test_a_loop_without_a_robot_is_refused() -> None:

@@ -1,0 +1,51 @@
+"""How the force on a second surface comes to what is wanted there, beside the one that is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from forcectl.analysis.force_metrics import Step, overshoot, settling_time
+from forcectl.analysis.tables.task_tables import SIDE_FORCE_METRICS
+from forcectl.diagrams.model import Setting
+from forcectl.errors import BadInputError
+from forcectl.framework.fields import Config, key
+from forcectl.robot.model import unit_normal
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_AT_REST = 0.1  # share of the run, its last, whose mean counts
+
+
+@dataclass(kw_only=True)
+class SideForceAnalysis(Config):
+    """Scenario part `!SideForce`: of a `!ContactTruth` with the second surface, from the start of the run on."""
+
+    axis: list[float] = key(meaning="outward normal of that surface, in W", bounds="not all zero", size=3)
+    force: float = key(meaning="wanted along it", unit="N", bounds="positive")
+
+    def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
+        """Those of `SIDE_FORCE_METRICS`.
+
+        Raises:
+            BadInputError: there is no `!ContactTruth` in the station.
+        """
+        if "body_contact_wrench" not in log:
+            wanted = "must go together with a sensor !ContactTruth, in Multibody"
+            raise BadInputError(f" finds no body_contact_wrench: {wanted}", key="analyses")
+        time, force = log["time"].values, log["body_contact_wrench"].values[:, 3:] @ unit_normal(self.axis)
+        step = Step(first=0, end=len(time), time=float(time[0]), start=0.0, target=self.force)
+        rest = force[-max(1, round(_AT_REST * len(force))) :]
+        found = {
+            "side_force_overshoot_pct": 100.0 * overshoot(force, step) / self.force,
+            "side_force_settling_2pct_s": settling_time(time, force, step, 0.02),
+            "side_force_error_N": float(np.mean(self.force - rest)),
+        }
+        return dict.fromkeys(SIDE_FORCE_METRICS) | found
+
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
+        """None of its own."""
+        return {}
