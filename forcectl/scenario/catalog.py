@@ -89,6 +89,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "KeptForce": "forcectl.analysis.kept_force:KeptForceAnalysis",
         "WrenchErrors": "forcectl.analysis.wrench_errors:WrenchErrorAnalysis",
         "SurfaceAlignment": "forcectl.analysis.contact.surface_alignment:SurfaceAlignmentAnalysis",
+        "SurfaceFollowing": "forcectl.analysis.contact.surface_following:SurfaceFollowingAnalysis",
         "TouchDown": "forcectl.analysis.contact.touch_down:TouchDownAnalysis",
     },
     "fidelity": {
@@ -120,6 +121,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "Grooves": "forcectl.plant.contact.surface:GrooveConfig",
         "Roughness": "forcectl.plant.contact.surface:RoughnessConfig",
         "Waves": "forcectl.plant.contact.surface:WaveConfig",
+        "Arc": "forcectl.plant.contact.turning_surface:ArcConfig",
         "ProfileFile": "forcectl.plant.contact.surface:ProfileFileConfig",
     },
     "load": {"Load": "forcectl.motion.loads:LoadConfig"},

@@ -35,6 +35,7 @@ _TABLES: dict[str, dict[str, Metric]] = {
     "`!Assembly`": of_task.ASSEMBLY_METRICS,
     "`!TouchDown`": of_task.TOUCH_DOWN_METRICS,
     "`!SurfaceAlignment`": of_task.SURFACE_ALIGNMENT_METRICS,
+    "`!SurfaceFollowing`": of_task.SURFACE_FOLLOWING_METRICS,
 }
 _HEAD = """# Metrics and findings
 
