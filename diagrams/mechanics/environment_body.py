@@ -31,6 +31,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import MatrixGain
 
+from forcectl.diagrams.mechanics.pressure_patch import add_slab
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError
 from forcectl.models import add_packages
@@ -99,6 +100,16 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
     if not compliance > 0:
         largest = 1 / (1 / config.stiffness - compliance)
         raise BadInputError(f" = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody", key="stiffness")
+    if getattr(config, "by_pressure", False):
+        # Drake's rigid face gives nothing.
+        compliance += BALL_COMPLIANCE
+        material = contact_material(
+            1 / compliance,
+            relaxation_time=damping * compliance,
+            dissipation=config.dissipation / (config.stiffness * compliance),
+            friction=config.friction,
+        )
+        return weld, add_slab(plant, skin, X_BS, config, material)
     # Drake puts ball and surface in series, adds their relaxation times, and takes the mean of their dissipations,
     # weighted by the compliances: the damping is to be D_E, or the dissipation d_E for the share of the environment.
     material = contact_material(
