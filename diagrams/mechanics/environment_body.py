@@ -60,7 +60,8 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
     """
     config, n = contact.environment, contact.n
     points = touching_points(contact)
-    tip = contact.robot.pose(contact.robot.context_at(contact.start)).translation() + n * (points @ n).min()
+    lowest = (points @ n).min() - getattr(config, "gap", 0.0)
+    tip = contact.robot.pose(contact.robot.context_at(contact.start)).translation() + n * lowest
     parser = Parser(plant)
     parser.SetAutoRenaming(True)  # one for each surface
     add_packages(parser.package_map())

@@ -45,7 +45,7 @@ def patch_points(width: float, count: int) -> Array:
 class PatchConfig(Config):
     """Scenario part `environment: !Patch`: a plate that the flat end of the tool touches, tilted or not.
 
-    For Multibody. The tool touches with its lowest point at the start. The points are around the TCP of any tool.
+    For Multibody. Without a gap the tool touches with its lowest point at the start. Points are around any tool's TCP.
     """
 
     arm: str = key("", "which arm presses; empty: the first")
@@ -58,6 +58,7 @@ class PatchConfig(Config):
     friction: float = key(0.0, "Coulomb's, against the tool", unit="1", bounds="not negative and at most 2")
     width: float = key(0.06, "w, of the square", unit="m", bounds="positive and at most 1")
     points: int = key(2, "m, along each edge; by pressure: of squares", bounds="from 2 to 10")
+    gap: float = key(0.0, "of the tool from the plate at the start", unit="m", bounds="from 0 to 0.05")
     contact: str = key(
         "points",
         "points: springs; pressure: Drake's hydroelastic contact of the whole face with a slab",
