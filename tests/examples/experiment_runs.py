@@ -38,10 +38,10 @@ class ExperimentRun:
 def fidelities_of(name: str) -> list[str]:
     """The fidelities that an experiment of a force loop can be built in.
 
-    A two-sided contact is for one dimension, one with a torque for bodies.
+    A two-sided contact is for one dimension, one with a torque or with a normal that turns for bodies.
     """
     environment = find_scenario(name).tree.get("station", {}).get("environment", {})
-    if getattr(environment, "tag", None) == "Patch":
+    if getattr(environment, "tag", None) == "Patch" or environment.get("surface", {}).get("turning"):
         return ["Multibody"]
     return ["OneDimensional"] if environment.get("one_sided") is False else [*SHIPPED_FIDELITIES]
 
