@@ -43,6 +43,7 @@ _FORCE_SIGNALS = (
     "contact_displacement",
     "motor_position",
     "surface_height",
+    "surface_tilt",
     "surface_stiffness",
     "body_contact_wrench",
 )

@@ -63,6 +63,12 @@ class Contact:
         """Heights and materials; None of an environment that is a force of its own."""
         return getattr(self.environment, "surface", None)
 
+    @property
+    def gap(self) -> float:
+        """Way of the tool to the surface at the start [m]."""
+        there: float = getattr(self.environment, "gap", getattr(self.surface, "gap", 0.0))
+        return there
+
     def sampled_response(self, stiffness: float, period: float) -> StateSpace:
         """From [dx, dx'] of the motors to the force of a contact of this K_E [N/m]; of an unknown part a spring."""
         if hasattr(self.environment, "sampled_response"):

@@ -70,6 +70,7 @@ SIGNALS: dict[str, Signal] = {
     "link_position": Signal("rad", "n", "of the links", True),
     "link_velocity": Signal("rad/s", "n", "of the links", True),
     "surface_height": Signal("m", "1", "of the surface under the tool", True),
+    "surface_tilt": Signal("rad", "1", "slope of the surface under the tool, where its normal turns", True),
     "surface_stiffness": Signal("N/m", "1", "of the material under the tool", True),
     "surface_damping": Signal("N s/m", "1", "of the material under the tool", True),
     "external_torque": Signal("Nm", "n", "of all loads and contacts on the joints", True),

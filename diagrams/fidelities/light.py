@@ -65,6 +65,9 @@ def _check_parts(workcell: Workcell, name: str) -> None:
         raise BadInputError(f" has {len(workcell.contacts)} surfaces: must have one, or {needs}", key="environment")
     if hasattr(workcell.contact.environment, "touching_points"):
         raise BadInputError(f" is touched in several points: must have {needs}", key="environment")
+    surface = workcell.contact.surface
+    if surface is not None and surface.turning:
+        raise BadInputError(f" = true: must be false, or have {needs}", key="environment.surface.turning")
     friction = getattr(workcell.contact.environment, "friction", 0.0)
     if friction:
         raise BadInputError(f" = {friction:g}: must be 0, or have {needs}", key="environment.friction")

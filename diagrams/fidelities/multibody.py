@@ -79,7 +79,7 @@ class MultibodyStation(Diagram):
     output_ports: [link_position, link_velocity, motor_position, motor_velocity, (further outputs of drive and
     sensors; in any order), measured_wrench (optional), measured_force (optional), joint_position (optional),
     joint_velocity (optional), motor_torque (optional), contact_force (optional), surface_height (optional),
-    surface_damping (optional), surface_stiffness (optional), contact_displacement (optional), contact_state
+    surface_tilt (optional), surface_damping (optional), surface_stiffness (optional), contact_displacement (optional), contact_state
     (optional), contact_losses (optional), applied_wrench (optional), external_torque (optional), tip_wrench
     (optional), arm_contact_force (optional), part_released (optional), gripper_holds (optional), part_position
     (optional), part_orientation (optional)]
@@ -100,6 +100,7 @@ class MultibodyStation(Diagram):
     contact_displacement: shape (k,), truth along each normal, of the motors [m]. State.
     surface_height, surface_damping, surface_stiffness: shape (1,), under the tool [m, N s/m, N/m]; the ports exist
     where the surface is uneven, and of several materials. State.
+    surface_tilt: shape (1,), see `TurningSurface` [rad]; the port exists where the normal turns. State.
     applied_wrench: shape (6a,), of the station's loads, as external_wrench [Nm, N]. State.
     external_torque: shape (n,), truth [Nm]. Feedthrough of external_wrench.
     tip_wrench: shape (6a,), truth, at each TCP in the world, [torque; force] [Nm, N]. Feedthrough of external_wrench.
@@ -233,7 +234,8 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
             surface = add_surface(builder, workcell, contact, signals["link_position"], workcell.start)
             drive_surface(builder, workcell, contact, site.plant, mounting, surface)
             for name, port in surface.items():
-                assembly.offer(name, port)
+                if name != "plane_state":
+                    assembly.offer(name, port)
         else:
             forces[i] = _add_own_surface(assembly, workcell, contact)
         tip = TipDisplacement(contact.robot, contact.n, workcell.motor_start, period=None)

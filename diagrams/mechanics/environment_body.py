@@ -3,8 +3,8 @@
 A surface that is the same everywhere is welded to the world, and its compliance is that of the contact. Otherwise the
 contact acts on a massless skin welded to something that slides along n, so that the contact normal stays n and the
 reaction of that weld is the force of the contact, free of inertia. For an uneven surface of one material that is a
-plate driven to the height under the tool; for several materials it is a carrier on the spring of the place, see
-`forcectl.plant.contact.surface_spring`.
+plate driven to the height under the tool, and turned to its slope where the normal turns; for several materials it is a
+carrier on the spring of the place, see `forcectl.plant.contact.surface_spring`.
 """
 
 from __future__ import annotations
@@ -24,11 +24,14 @@ from pydrake.multibody.tree import (
     ModelInstanceIndex,
     PdControllerGains,
     PrismaticJoint,
+    RevoluteJoint,
+    RigidBody,
     SpatialInertia,
 )
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import MatrixGain
 
+from forcectl.diagrams.mechanics.pressure_patch import add_slab
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError
 from forcectl.models import add_packages
@@ -38,6 +41,7 @@ from forcectl.plant.contact.surface_spring import SurfaceSpring
 BALL_COMPLIANCE = 1e-7
 _SKIN_COMPLIANCE = 1e-7  # of the contact on a surface of several materials [m/N], taken out again as well
 _CARRIER_MASS = 0.1  # of such a surface [kg]
+_TURNING_MASS, _TURNING_SIZE = 10.0, 1.0  # of a ball as inert as a surface whose normal turns [kg, m]
 
 
 def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact) -> tuple[Joint, GeometryId]:
@@ -56,13 +60,17 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
     """
     config, n = contact.environment, contact.n
     points = touching_points(contact)
-    tip = contact.robot.pose(contact.robot.context_at(contact.start)).translation() + n * (points @ n).min()
+    lowest = (points @ n).min() - getattr(config, "gap", 0.0)
+    tip = contact.robot.pose(contact.robot.context_at(contact.start)).translation() + n * lowest
     parser = Parser(plant)
     parser.SetAutoRenaming(True)  # one for each surface
     add_packages(parser.package_map())
     (instance,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.urdf")
-    side = np.eye(3)[int(np.argmin(np.abs(n)))]
-    y = np.cross(n, side) / np.linalg.norm(np.cross(n, side))
+    if config.surface.turning:
+        y = np.cross(n, config.surface.direction_across(n))
+    else:
+        side = np.eye(3)[int(np.argmin(np.abs(n)))]
+        y = np.cross(n, side) / np.linalg.norm(np.cross(n, side))
     R_WE = RotationMatrix(np.column_stack([np.cross(y, n), y, n]))
     surface = plant.GetFrameByName("surface", instance)
     X_WE = RigidTransform(R_WE, tip)
@@ -74,13 +82,18 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
         inertia = SpatialInertia.SolidSphereWithMass(_CARRIER_MASS, 0.05)
         carrier = plant.AddRigidBody("surface_carrier", instance, inertia).body_frame()
         plant.WeldFrames(plant.world_frame(), surface, X_WE)
-        weld = _add_slide(plant, instance, X_WE, carrier, PdControllerGains(p=p, d=d))
+        _add_slide(plant, instance, X_WE, carrier, PdControllerGains(p=p, d=d))
+        weld = _add_skin(plant, instance, carrier)
     elif config.surface.flat:
         weld = plant.WeldFrames(plant.world_frame(), surface, X_WE)
     else:
-        p = 10.0 * surface.body().default_mass() / workcell.config.time_step**2
+        sliding, mass, step = surface, surface.body().default_mass(), workcell.config.time_step
+        if config.surface.turning:
+            sliding, mass = _add_turn(plant, instance, surface, step).body_frame(), mass + _TURNING_MASS
+        p = 10.0 * mass / step**2
         # Without damping: the implicit step damps so stiff a drive by itself, and the plate is there a step later.
-        weld = _add_slide(plant, instance, X_WE, surface, PdControllerGains(p=p, d=0.0))
+        _add_slide(plant, instance, X_WE, sliding, PdControllerGains(p=p, d=0.0))
+        weld = _add_skin(plant, instance, surface)
         compliance -= 1 / p
     if not config.surface.uniform:
         skin, X_BS = weld.child_body(), RigidTransform()
@@ -88,6 +101,16 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
     if not compliance > 0:
         largest = 1 / (1 / config.stiffness - compliance)
         raise BadInputError(f" = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody", key="stiffness")
+    if getattr(config, "by_pressure", False):
+        # Drake's rigid face gives nothing.
+        compliance += BALL_COMPLIANCE
+        material = contact_material(
+            1 / compliance,
+            relaxation_time=damping * compliance,
+            dissipation=config.dissipation / (config.stiffness * compliance),
+            friction=config.friction,
+        )
+        return weld, add_slab(plant, skin, X_BS, config, material)
     # Drake puts ball and surface in series, adds their relaxation times, and takes the mean of their dissipations,
     # weighted by the compliances: the damping is to be D_E, or the dissipation d_E for the share of the environment.
     material = contact_material(
@@ -112,11 +135,27 @@ def touching_points(contact: Contact) -> NDArray[np.float64]:
 
 def _add_slide(
     plant: MultibodyPlant, instance: ModelInstanceIndex, X_WE: RigidTransform, frame: Frame, gains: PdControllerGains
-) -> Joint:
-    """Let a frame slide along n, driven with these gains; returns the weld of a massless skin to it."""
+) -> None:
+    """Let a frame slide along n, driven with these gains."""
     guide = plant.AddFrame(FixedOffsetFrame("surface_guide", plant.world_frame(), X_WE, instance))
     slide = plant.AddJoint(PrismaticJoint("surface_slide", guide, frame, [0.0, 0.0, 1.0]))
     plant.AddJointActuator("surface_drive", slide).set_controller_gains(gains)
+
+
+def _add_turn(plant: MultibodyPlant, instance: ModelInstanceIndex, frame: Frame, time_step: float) -> RigidBody:
+    """Let a frame turn about its y axis, driven as stiffly as a step resolves, on a body that is to slide."""
+    # As inert as a thick slab, so that the drive holds it against forces far from the axis.
+    inertia = SpatialInertia.SolidSphereWithMass(_TURNING_MASS, _TURNING_SIZE)
+    plant.WeldFrames(frame, plant.AddRigidBody("surface_slab", instance, inertia).body_frame())
+    carrier = plant.AddRigidBody("surface_carrier", instance, SpatialInertia.SolidSphereWithMass(_CARRIER_MASS, 0.05))
+    turn = plant.AddJoint(RevoluteJoint("surface_turn", carrier.body_frame(), frame, [0.0, 1.0, 0.0]))
+    p = 10.0 * inertia.CalcRotationalInertia().get_moments()[1] / time_step**2
+    plant.AddJointActuator("surface_turn_drive", turn).set_controller_gains(PdControllerGains(p=p, d=0.0))
+    return carrier
+
+
+def _add_skin(plant: MultibodyPlant, instance: ModelInstanceIndex, frame: Frame) -> Joint:
+    """The weld of a massless skin to a frame that moves."""
     skin = plant.AddRigidBody("surface_skin", instance, SpatialInertia.Zero())
     return plant.WeldFrames(frame, skin.body_frame())
 
@@ -166,6 +205,8 @@ def drive_surface(
         for name, port in surface.items():
             builder.Connect(port, spring.GetInputPort(name))
         builder.Connect(spring.GetOutputPort("desired_state"), plant.get_desired_state_input_port(instance))
+    elif "plane_state" in surface:
+        builder.Connect(surface["plane_state"], plant.get_desired_state_input_port(instance))
     elif surface:
         at_rest = builder.AddNamedSystem("surface_reference", MatrixGain(np.array([[1.0], [0.0]])))
         builder.Connect(surface["surface_height"], at_rest.get_input_port())

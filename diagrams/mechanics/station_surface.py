@@ -18,14 +18,20 @@ from forcectl.framework.wiring import affine, output_names
 from forcectl.plant.contact.contact_monitor import ContactMonitor
 from forcectl.plant.contact.surface import SurfaceHeight, SurfaceProfile
 from forcectl.plant.contact.surface_materials import SurfaceMaterial
+from forcectl.plant.contact.turning_surface import TurningSurface
 from forcectl.plant.tip_kinematics import TipDisplacement
 
 
 def surface_profile(contact: Contact) -> SurfaceProfile:
     """The surface as the ball of the tool meets it."""
-    tool = contact.robot.arm.tool
-    profile: SurfaceProfile = contact.environment.surface.profile(tool.contact_ball_radius if tool else 0.0)
+    profile: SurfaceProfile = contact.environment.surface.profile(ball_radius(contact))
     return profile
+
+
+def ball_radius(contact: Contact) -> float:
+    """Of the ball of the tool; 0 without one [m]."""
+    tool = contact.robot.arm.tool
+    return tool.contact_ball_radius if tool else 0.0
 
 
 def is_uniform(contact: Contact) -> bool:
@@ -47,12 +53,20 @@ def add_surface(
 
     Returns:
         surface_height [m] unless flat, surface_stiffness [N/m] of several materials and surface_damping [N s/m] if
-        they have any; each of shape (1,).
+        they have any; each of shape (1,). Where the normal turns also surface_tilt and plane_state, see
+        `TurningSurface`.
     """
     if is_uniform(contact):
         return {}
     surface = contact.environment.surface
     d = surface.direction_across(contact.n)
+    if surface.turning:
+        profile, radius = surface_profile(contact), ball_radius(contact)
+        block = builder.AddNamedSystem(
+            "turning_surface", TurningSurface(contact.robot, contact.n, d, start, profile, radius)
+        )
+        builder.Connect(joint_position, block.get_input_port())
+        return {name: block.GetOutputPort(name) for name in output_names(block)}
     if workcell.config.fidelity.constant_jacobian:
         row = (d @ contact.robot.jacobian(contact.robot.context_at(contact.start))[3:]).reshape(1, -1)
         place: System = affine(row, -row @ start)

@@ -43,6 +43,7 @@ from forcectl.diagrams.mechanics.placed_part import (
     leave_out_shapes,
     leave_out_the_hand,
 )
+from forcectl.diagrams.mechanics.pressure_patch import add_flat_end
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
@@ -119,13 +120,16 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
 
 
 def _add_balls(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> list[GeometryId]:
-    """The ball of the tool as what touches a surface, with the TCP as its outermost point; or one for each point.
+    """What of the tool touches a surface: a ball with the TCP as its outermost point, balls for points, or a face.
 
     Inclined tools would touch with another point of the ball than the one whose kinematics the controllers know; the
     ball sits one radius along n from the TCP in the start posture, so that force and displacement are those of the TCP.
     """
     arm = parts.arms[contact.arm]
     points, tcp = touching_points(contact), arm.tcp_frame
+    if getattr(contact.environment, "by_pressure", False):
+        material = contact_material(1 / BALL_COMPLIANCE, friction=contact.environment.friction)
+        return [add_flat_end(plant, tcp, contact.environment, material)]
     several = len(points) > 1
     radius = max(arm.tool.contact_ball_radius if arm.tool and not several else 0.0, _SHARPEST)
     friction = contact.environment.friction

@@ -2,6 +2,7 @@ from forcectl.analysis.alignment import AlignmentAnalysis as AlignmentAnalysis
 from forcectl.analysis.assembly import AssemblyAnalysis as AssemblyAnalysis
 from forcectl.analysis.contact.side_force import SideForceAnalysis as SideForceAnalysis
 from forcectl.analysis.contact.surface_alignment import SurfaceAlignmentAnalysis as SurfaceAlignmentAnalysis
+from forcectl.analysis.contact.surface_following import SurfaceFollowingAnalysis as SurfaceFollowingAnalysis
 from forcectl.analysis.contact.touch_down import TouchDownAnalysis as TouchDownAnalysis
 from forcectl.analysis.force_estimation import ForceAnalysis as ForceAnalysis
 from forcectl.analysis.force_metrics import Step as Step

@@ -32,6 +32,7 @@ from forcectl.force.hybrid.config import DirectionConfig as DirectionConfig
 from forcectl.force.hybrid.config import Hybrid as Hybrid
 from forcectl.force.hybrid.config import HybridConfig as HybridConfig
 from forcectl.force.hybrid.motion import HybridMotion as HybridMotion
+from forcectl.force.hybrid.surface_normal import SurfaceNormal as SurfaceNormal
 from forcectl.force.hybrid.task_axes import TaskAxes as TaskAxes
 from forcectl.force.hybrid.task_axes import TaskWrench as TaskWrench
 from forcectl.force.integral import IntegralConfig as IntegralConfig

@@ -26,7 +26,7 @@ from pydrake.systems.primitives import Adder, Gain
 
 from forcectl.errors import about
 from forcectl.force.integral import IntegralConfig
-from forcectl.force.law import require_force_law
+from forcectl.force.law import AroundLawConfig, require_force_law
 from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
@@ -217,7 +217,7 @@ def _sum(builder: DiagramBuilder, name: str, size: int, first: OutputPort) -> Ad
 
 
 @dataclass(kw_only=True)
-class ApproachConfig(Config):
+class ApproachConfig(AroundLawConfig, Config):
     """Scenario part `!Approach`: a guarded move to the surface, then any force law; lost contacts are found again."""
 
     law: Any = slot("controller", IntegralConfig, meaning="force law that takes over in contact")
@@ -241,15 +241,6 @@ class ApproachConfig(Config):
     def approach_speed(self) -> tuple[str, float]:
         """Key and value of the speed [m/s] at which a surface is met."""
         return "speed", self.speed
-
-    def reference_model_bandwidth(self) -> float | None:
-        """Bandwidth [rad/s] of the law; None if it does not tell."""
-        told: float | None = getattr(self.law, "reference_model_bandwidth", lambda: None)()
-        return told
-
-    def law_of(self, arm: str) -> Any:
-        """The law that takes over, whichever arm presses."""
-        return self.law
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ApproachForceLaw:
         """Add the guarded move and the law behind it."""

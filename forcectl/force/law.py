@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -111,3 +112,18 @@ class LawConfig:
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the law; its model has `compliance_error` times the true total compliance."""
         return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
+
+
+class AroundLawConfig:
+    """What the configurations of parts around a force law share, whose key `law` it is."""
+
+    law: Any
+
+    def reference_model_bandwidth(self) -> float | None:
+        """Bandwidth [rad/s] of the law; None if it does not tell."""
+        told: float | None = getattr(self.law, "reference_model_bandwidth", lambda: None)()
+        return told
+
+    def law_of(self, arm: str) -> Any:
+        """The law inside, whichever arm presses."""
+        return self.law

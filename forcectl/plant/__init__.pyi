@@ -42,6 +42,8 @@ from forcectl.plant.contact.surface_materials import SurfaceMaterial as SurfaceM
 from forcectl.plant.contact.surface_moves import SurfaceMoveConfig as SurfaceMoveConfig
 from forcectl.plant.contact.surface_spring import SurfaceSpring as SurfaceSpring
 from forcectl.plant.contact.tip_contact import TipContact as TipContact
+from forcectl.plant.contact.turning_surface import ArcConfig as ArcConfig
+from forcectl.plant.contact.turning_surface import TurningSurface as TurningSurface
 from forcectl.plant.drives.commanded import CommandedMotion as CommandedMotion
 from forcectl.plant.drives.drive import Drive as Drive
 from forcectl.plant.drives.joint_friction import FrictionRest as FrictionRest

@@ -90,6 +90,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "WrenchErrors": "forcectl.analysis.wrench_errors:WrenchErrorAnalysis",
         "SurfaceAlignment": "forcectl.analysis.contact.surface_alignment:SurfaceAlignmentAnalysis",
         "SideForce": "forcectl.analysis.contact.side_force:SideForceAnalysis",
+        "SurfaceFollowing": "forcectl.analysis.contact.surface_following:SurfaceFollowingAnalysis",
         "TouchDown": "forcectl.analysis.contact.touch_down:TouchDownAnalysis",
     },
     "fidelity": {
@@ -121,6 +122,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "Grooves": "forcectl.plant.contact.surface:GrooveConfig",
         "Roughness": "forcectl.plant.contact.surface:RoughnessConfig",
         "Waves": "forcectl.plant.contact.surface:WaveConfig",
+        "Arc": "forcectl.plant.contact.turning_surface:ArcConfig",
         "ProfileFile": "forcectl.plant.contact.surface:ProfileFileConfig",
     },
     "load": {"Load": "forcectl.motion.loads:LoadConfig"},

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from pydrake.systems.framework import System
 
 from forcectl.plant.contact.surface import GrooveConfig, SurfaceConfig, SurfaceHeight
 from forcectl.plant.contact.surface_materials import MaterialsConfig, SegmentConfig, SurfaceMaterial
 from forcectl.plant.contact.surface_spring import SurfaceSpring
+from forcectl.plant.contact.turning_surface import ArcConfig, TurningSurface
 from tests.examples.block_example import Example, each
+from tests.examples.block_examples_stations import pressing_workcell
 
 
 def material(**changes: float) -> SurfaceMaterial:
@@ -20,12 +23,32 @@ def material(**changes: float) -> SurfaceMaterial:
     return SurfaceMaterial(MaterialsConfig(segments=segments, blend=0.01).path(), damped="damping" in changes)
 
 
+WORKCELL = pressing_workcell("Kinematic")
+START = WORKCELL.start
+ALONG = np.array([0.0, 0.3, 0.1, 0.0, 0.0, 0.0])
+
+
+def turning() -> TurningSurface:
+    contact, surface = WORKCELL.contact, SurfaceConfig(turning=True, heights={"arc": ArcConfig()})
+    profile = surface.profile(0.01)
+    return TurningSurface(contact.robot, contact.n, [1.0, 0.0, 0.0], START, profile, 0.01)
+
+
 SURFACE_EXAMPLES: dict[type[System], list[Example]] = {
     SurfaceHeight: [
         Example(
             lambda: SurfaceHeight(SurfaceConfig(slope=0.01, heights={"grooves": GrooveConfig()}).profile(0.01)),
             each("surface_height", "path_position"),
             {"path_position": lambda t: 0.5 * t},
+        )
+    ],
+    TurningSurface: [
+        Example(
+            turning,
+            each("surface_height", "link_position")
+            | each("surface_tilt", "link_position")
+            | each("plane_state", "link_position"),
+            {"link_position": lambda t: START + t * ALONG},
         )
     ],
     SurfaceMaterial: [

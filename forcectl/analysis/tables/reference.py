@@ -36,6 +36,7 @@ _TABLES: dict[str, dict[str, Metric]] = {
     "`!TouchDown`": of_task.TOUCH_DOWN_METRICS,
     "`!SurfaceAlignment`": of_task.SURFACE_ALIGNMENT_METRICS,
     "`!SideForce`": of_task.SIDE_FORCE_METRICS,
+    "`!SurfaceFollowing`": of_task.SURFACE_FOLLOWING_METRICS,
 }
 _HEAD = """# Metrics and findings
 

@@ -160,3 +160,12 @@ SIDE_FORCE_METRICS: dict[str, Metric] = {
         "positive: too little",
     ),
 }
+SURFACE_FOLLOWING_METRICS: dict[str, Metric] = {
+    "normal_turns_deg": Metric("deg", "angle that the normal under the tool turns by from `begin` on", "max - min"),
+    "normal_force_mean_N": Metric(
+        "N", "mean of the true force along the true normal from `begin` on", "mean(F_c) from `begin` on"
+    ),
+    "normal_force_error_N": Metric(
+        "N", "largest error of that force from `begin` on", "max |F_c - F_r| from `begin` on"
+    ),
+}

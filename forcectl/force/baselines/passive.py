@@ -33,7 +33,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from forcectl.errors import about
 from forcectl.force.integral import IntegralConfig
-from forcectl.force.law import low_pass, require_force_law
+from forcectl.force.law import AroundLawConfig, low_pass, require_force_law
 from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
@@ -142,7 +142,7 @@ class PassiveForceLaw(Diagram):
 
 
 @dataclass(kw_only=True)
-class PassiveConfig(Config, in_batches=True):
+class PassiveConfig(AroundLawConfig, Config, in_batches=True):
     """Scenario part `!Passive`: passivity observer and controller around any force law, which bound its energy."""
 
     law: Any = slot("controller", IntegralConfig, meaning="force law that is observed")
@@ -153,15 +153,6 @@ class PassiveConfig(Config, in_batches=True):
     model_lag: float | None = key(
         None, "T_m, motion to measured force; null: the sensor's", unit="s", bounds="not negative", each=True
     )
-
-    def reference_model_bandwidth(self) -> float | None:
-        """Bandwidth [rad/s] of the law; None if it does not tell."""
-        told: float | None = getattr(self.law, "reference_model_bandwidth", lambda: None)()
-        return told
-
-    def law_of(self, arm: str) -> Any:
-        """The law that is observed, whichever arm presses."""
-        return self.law
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PassiveForceLaw:
         """Add the law, and observer and controller behind it."""

@@ -35,6 +35,7 @@ from forcectl.force.governor.program import (
     over_horizon,
 )
 from forcectl.force.governor.stability import StabilityReport, feedback_weight, stability_report
+from forcectl.force.law import AroundLawConfig
 from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order, whole_multiple
 from forcectl.framework.cache import scratch
@@ -273,7 +274,7 @@ class GovernedForceLaw(Diagram):
 
 
 @dataclass(kw_only=True)
-class GovernedConfig(Config):
+class GovernedConfig(AroundLawConfig, Config):
     """Scenario part `!Governed`; the default is that of Sec. 4.6.3.
 
     In front of any controller of the force; one that does not state the bandwidth of its loop needs `inner_bandwidth`.
@@ -325,10 +326,6 @@ class GovernedConfig(Config):
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the wanted response."""
         return self.reference_bandwidth
-
-    def law_of(self, arm: str) -> Any:
-        """The law that is governed, whichever arm presses."""
-        return self.law
 
     def stability(self, period: float, *, true_delay_ticks: Sequence[int]) -> StabilityReport:
         """For which true delays of the inner loop this governor is stable, as long as no limit acts (Sec. 4.6.2).

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.errors import BadInputError
+from forcectl.force.guard.first_touch import touch_gain
 from forcectl.force.guard.guard import ControllerGuard
 from forcectl.force.guard.kernel import GuardLimits, estimate_of, largest_jump
 from forcectl.force.guard.passes import passes
@@ -23,8 +24,6 @@ Array = NDArray[np.float64]
 _LARGEST = 1e4  # [N] that a force can be where the range of a sensor is not known
 _MEASURED = 0.9  # of the range, up to which a force is still measured
 _PULL = 0.02  # of the range, below which the reading of a surface that cannot pull is implausible
-_TURNS = 0.03  # [s] from the first touch until sensor, estimate and drive turn a motion round
-_OVER = 1.2  # of maximum_force, which a touch may come to
 _FORGOTTEN = 2.0  # [s] after which energy that went into a surface counts for a third
 _LOSSES = 8  # of contact that are no hopping
 _DEEPER = 0.05  # of the range: what a live sensor shows of the way for it
@@ -107,7 +106,7 @@ class GuardConfig(Config):
         )
 
     def check_approach(self, model: PlantModel, key: str, speed: float) -> None:
-        """Refuse a speed at which no retreat keeps the force of the first touch below 1.2 `maximum_force`.
+        """Refuse a speed at which no retreat keeps the force of the first touch below `maximum_force`.
 
         Args:
             model: of the plant.
@@ -119,14 +118,12 @@ class GuardConfig(Config):
         """
         if self.maximum_force is None or not model.size:
             return
-        stiffness = 1.0 / float(np.min(model.total_compliance))
-        late = _TURNS + model.sensor_delay
-        largest = _OVER * self.maximum_force / (stiffness * late)
-        if speed > largest:
+        gain = touch_gain(model)
+        if gain * speed > self.maximum_force:
+            stiffness, largest = 1.0 / float(np.min(model.environment_compliance)), self.maximum_force / gain
             fault = (
-                f" = {speed:g} m/s: the force rises by {stiffness * speed * late:.3g} N on {stiffness:.4g} N/m in the "
-                f"{late:g} s until a retreat begins: must be at most {largest:.3g} m/s with guard.maximum_force = "
-                f"{self.maximum_force:g} N"
+                f" = {speed:g} m/s: the first touch comes to {gain * speed:.3g} N on {stiffness:.4g} N/m: must be at "
+                f"most {largest:.3g} m/s with guard.maximum_force = {self.maximum_force:g} N"
             )
             raise BadInputError(fault, key=key)
 

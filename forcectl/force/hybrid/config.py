@@ -23,6 +23,7 @@ from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.estimation.surface_offset import Sliding
 from forcectl.force.hybrid.motion import HybridMotion
+from forcectl.force.hybrid.surface_normal import SurfaceNormal
 from forcectl.force.hybrid.task_axes import DIRECTIONS, TaskAxes, TaskWrench
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, slot
@@ -63,7 +64,9 @@ class HybridConfig(Config):
         size=3,
     )
     fixed_in: str = key(
-        "tool", "tool: the axes move with it; world: they stay as they are at the start", choices=("tool", "world")
+        "tool",
+        "tool: the axes move with it; world: they stay as they are at the start; surface: z turns to the force felt",
+        choices=("tool", "world", "surface"),
     )
     smallest_singular_value: float = key(0.02, "of the Jacobian, below which it is damped", unit="1", bounds="positive")
 
@@ -85,8 +88,8 @@ class HybridConfig(Config):
             BadInputError: a law that is none, or that wants what a direction does not have.
         """
         rotation = RollPitchYaw(np.radians(self.rotation_deg)).ToRotationMatrix().matrix()
-        world = self.fixed_in == "world"
-        axes = TaskAxes(model.known_robot(), model.start, rotation, fixed_in_world=world)
+        world, follow = self.fixed_in == "world", self.fixed_in == "surface"
+        axes = TaskAxes(model.known_robot(), model.start, rotation, fixed_in_world=world, follow=follow)
         hybrid = Hybrid(self.directions, axes, model, smallest=self.smallest_singular_value)
         return builder.AddNamedSystem("hybrid", hybrid)
 
@@ -181,9 +184,15 @@ class Hybrid(Diagram):
         motion = add("motion", HybridMotion(axes, selected, model.start, smallest=smallest, period=model.period))
         displacements = add("motor_displacements", Demultiplexer([1] * len(names)))
         connect(motion.GetOutputPort("motor_displacement"), displacements.get_input_port())
-        builder.ExportInput(wrench.GetInputPort("measured_wrench"), "measured_wrench")
+        measured = builder.ExportInput(wrench.GetInputPort("measured_wrench"), "measured_wrench")
         position = builder.ExportInput(wrench.GetInputPort("motor_position"), "motor_position")
         builder.ConnectInput(position, motion.GetInputPort("motor_position"))
+        if axes.follow:
+            normal = add("surface_normal", SurfaceNormal(axes, period=model.period))
+            for name, port in (("measured_wrench", measured), ("motor_position", position)):
+                builder.ConnectInput(port, normal.GetInputPort(name))
+            for block in (wrench, motion):
+                connect(normal.get_output_port(), block.GetInputPort("task_normal"))
         reference = builder.ExportInput(motion.GetInputPort("unconstrained_reference"), "unconstrained_reference")
         offered = {name: {"motor_displacement": displacements.get_output_port(i)} for i, name in enumerate(names)}
         if any("path_displacement" in input_names(law) for law in laws.values()):

@@ -50,7 +50,7 @@ class HybridMotion(SampledBlock):
 
     ```
     name: HybridMotion
-    input_ports: [displacement_command, motor_position, unconstrained_reference]
+    input_ports: [displacement_command, motor_position, unconstrained_reference, task_normal (optional)]
     output_ports: [joint_position_command, near_singular, motor_displacement]
     ```
 
@@ -58,12 +58,13 @@ class HybridMotion(SampledBlock):
     motor_position: shape (n,) [rad].
     unconstrained_reference: shape (n,), joint motion dq_uc, from the start [rad]. What it has in selected directions is
     left out.
-    joint_position_command: shape (n,), q_bar [rad]. Feedthrough of displacement_command and unconstrained_reference at
-    the tick, and held.
-    near_singular: shape (1,), 1 while the inverse is damped, else 0 [1]. Feedthrough of displacement_command and
-    unconstrained_reference at the tick, and held.
+    task_normal: shape (3,), see `SurfaceNormal` [1]; the port exists where the axes follow a surface.
+    joint_position_command: shape (n,), q_bar [rad]. Feedthrough of displacement_command, unconstrained_reference and
+    task_normal at the tick, and held.
+    near_singular: shape (1,), 1 while the inverse is damped, else 0 [1]. Feedthrough of displacement_command,
+    unconstrained_reference and task_normal at the tick, and held.
     motor_displacement: shape (m,), what the motors have come along the selected directions [m, rad]: the command of the
-    last tick, and how far the motors are from it. Feedthrough of motor_position.
+    last tick, and how far the motors are from it. Feedthrough of motor_position and task_normal.
 
     A command or reference that is not a number holds the joints, and the next one that is makes up for it.
 
@@ -81,6 +82,7 @@ class HybridMotion(SampledBlock):
         "motor_displacement": "m,rad",
         "joint_position_command": "rad",
         "near_singular": "1",
+        "task_normal": "1",
     }
 
     def __init__(
@@ -95,6 +97,8 @@ class HybridMotion(SampledBlock):
         command = self.DeclareVectorInputPort("displacement_command", size)
         self._motors = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         unconstrained = self.DeclareVectorInputPort("unconstrained_reference", robot.num_joints)
+        self._normal = self.DeclareVectorInputPort("task_normal", 3) if axes.follow else None
+        turning = [] if self._normal is None else [self._normal]
         self._place = scratch(self, "robot posture", robot.create_context)
         memory = {
             "joint_position_command": self._start,
@@ -102,9 +106,9 @@ class HybridMotion(SampledBlock):
             "displacement": np.zeros(size),
             "unconstrained": np.zeros(robot.num_joints),
         }
-        self.declare_memory(memory, [command, unconstrained], period)
+        self.declare_memory(memory, [command, unconstrained, *turning], period)
         self.show("joint_position_command", "near_singular")
-        reads = {self._motors.ticket(), self.discrete_state_ticket(self._state)}
+        reads = {self._motors.ticket(), self.discrete_state_ticket(self._state), *(port.ticket() for port in turning)}
         self.DeclareVectorOutputPort("motor_displacement", size, self._show_motors, prerequisites_of_calc=reads)
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, object]:
@@ -119,7 +123,7 @@ class HybridMotion(SampledBlock):
             moved = robot.jacobian(plant_context) @ (unconstrained - memory["unconstrained"])
         q = memory["joint_position_command"]
         robot.set_positions(plant_context, q)
-        R = self._axes.rotation(plant_context)
+        R = self._axes.rotation(plant_context, inputs.get("task_normal"))
         in_task = (moved.reshape(2, 3) @ R).ravel()
         in_task[self._selected] = command - memory["displacement"]
         motion = (in_task.reshape(2, 3) @ R.T).ravel()
@@ -138,5 +142,6 @@ class HybridMotion(SampledBlock):
         q = held["joint_position_command"]
         robot.set_positions(plant_context, q)
         behind = robot.jacobian(plant_context) @ (self._motors.Eval(context) - q)
-        in_task = (behind.reshape(2, 3) @ self._axes.rotation(plant_context)).ravel()
+        normal = None if self._normal is None else self._normal.Eval(context)
+        in_task = (behind.reshape(2, 3) @ self._axes.rotation(plant_context, normal)).ravel()
         output.SetFromVector(held["displacement"] + in_task[self._selected])

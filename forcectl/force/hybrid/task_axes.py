@@ -3,7 +3,8 @@
     tau_K = R_KS (tau_S - p_ST x f_S),    f_K = R_KS f_S
 
 K has its origin at the TCP. Its axes are those of the TCP frame T turned by a constant rotation, R_WK = R_WT R_TK, and
-move with the tool; or they stay in the world as they are at the start. S is the frame of the sensor.
+move with the tool; or they stay in the world as they are at the start. Axes that follow a surface are those that move
+with the tool, turned by the shortest way so that z is the normal of the surface. S is the frame of the sensor.
 """
 
 from __future__ import annotations
@@ -28,19 +29,39 @@ class TaskAxes:
         start: joint positions at the start, shape (n,) [rad].
         rotation: R_TK at the start, shape (3, 3).
         fixed_in_world: whether they stay there; else they move with the tool.
+        follow: whether z is the normal of the surface.
     """
 
-    def __init__(self, robot: RobotModel, start: Array, rotation: Array, *, fixed_in_world: bool = False):
-        self.robot, self.fixed_in_world = robot, fixed_in_world
+    def __init__(
+        self, robot: RobotModel, start: Array, rotation: Array, *, fixed_in_world: bool = False, follow: bool = False
+    ):
+        self.robot, self.fixed_in_world, self.follow = robot, fixed_in_world, follow
         self._in_tool = rotation
         self._in_world = robot.pose(robot.context_at(start)).rotation().matrix() @ rotation
 
-    def rotation(self, plant_context: Context) -> Array:
-        """R_WK in the posture of a context of `robot.plant`, shape (3, 3)."""
+    @property
+    def start(self) -> Array:
+        """R_WK at the start, shape (3, 3)."""
+        return self._in_world
+
+    def rotation(self, plant_context: Context, normal: Array | None = None) -> Array:
+        """R_WK in the posture of a context of `robot.plant`, shape (3, 3).
+
+        Args:
+            normal: unit vector of axes that follow a surface, shape (3,); None: they do not.
+        """
         if self.fixed_in_world:
             return self._in_world
-        turned: Array = self.robot.pose(plant_context).rotation().matrix() @ self._in_tool
-        return turned
+        moved: Array = self.robot.pose(plant_context).rotation().matrix() @ self._in_tool
+        return moved if normal is None else shortest_turn(moved[:, 2], normal) @ moved
+
+
+def shortest_turn(start: Array, end: Array) -> Array:
+    """The rotation that takes one unit vector to another about the axis across both, shape (3, 3)."""
+    x, y, z = cross(start, end)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn: Array = np.eye(3) + across + across @ across / (1.0 + start @ end)
+    return turn
 
 
 class TaskWrench(LeafSystem):
@@ -48,13 +69,14 @@ class TaskWrench(LeafSystem):
 
     ```
     name: TaskWrench
-    input_ports: [measured_wrench, motor_position]
+    input_ports: [measured_wrench, motor_position, task_normal (optional)]
     output_ports: [task_wrench]
     ```
 
     measured_wrench: shape (6,), of the environment on the tool, at S in S, [torque; force] [Nm, N].
     motor_position: shape (n,), where the axes are taken [rad].
-    task_wrench: shape (6,), the same at the TCP in the task frame K [Nm, N]. Feedthrough of both inputs.
+    task_normal: shape (3,), see `SurfaceNormal` [1]; the port exists where the axes follow a surface.
+    task_wrench: shape (6,), the same at the TCP in the task frame K [Nm, N]. Feedthrough of all inputs.
 
     Sampling: none; evaluated when read.
 
@@ -62,7 +84,7 @@ class TaskWrench(LeafSystem):
         axes: of the task frame.
     """
 
-    port_units = {"task_wrench": "Nm,N"}
+    port_units = {"task_wrench": "Nm,N", "task_normal": "1"}
 
     def __init__(self, axes: TaskAxes):
         super().__init__()
@@ -71,7 +93,9 @@ class TaskWrench(LeafSystem):
         self._wrench = self.DeclareVectorInputPort("measured_wrench", 6)
         position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         self._posture = posture_cache(self, robot, position)
+        self._normal = self.DeclareVectorInputPort("task_normal", 3) if axes.follow else None
         reads = {self._wrench.ticket(), self._posture.ticket()}
+        reads |= {self._normal.ticket()} if self._normal is not None else set()
         self.DeclareVectorOutputPort("task_wrench", 6, self._show, prerequisites_of_calc=reads)
 
     def _show(self, context: Context, output: BasicVector) -> None:
@@ -79,5 +103,6 @@ class TaskWrench(LeafSystem):
         plant_context = self._posture.Eval(context)
         X_WS = self._sensor.CalcPoseInWorld(plant_context)
         p_ST = X_WS.inverse().multiply(self._axes.robot.tip_position(plant_context))
-        R_SK = X_WS.rotation().matrix().T @ self._axes.rotation(plant_context)
+        normal = None if self._normal is None else self._normal.Eval(context)
+        R_SK = X_WS.rotation().matrix().T @ self._axes.rotation(plant_context, normal)
         output.SetFromVector(np.concatenate([(torque - cross(p_ST, force)) @ R_SK, force @ R_SK]))

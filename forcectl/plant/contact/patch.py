@@ -8,6 +8,9 @@ tool's axis. While all of them touch, force and torque about any axis in the pla
     F = K_E z,    tau = K_t theta,    K_t = K_E w^2/12 (m + 1)/(m - 1)
 
 For many points K_t is that of a continuous square. Every point has the dissipation and friction of a `!Surface`, too.
+
+With `contact: pressure` the face touches as a whole, by Drake's hydroelastic contact with a slab of the same K_E, see
+`forcectl.diagrams.mechanics.pressure_patch`: K_t = K_E w^2/12 (1 - 2/(3 m^2)) with m m squares.
 """
 
 from __future__ import annotations
@@ -42,7 +45,7 @@ def patch_points(width: float, count: int) -> Array:
 class PatchConfig(Config):
     """Scenario part `environment: !Patch`: a plate that the flat end of the tool touches, tilted or not.
 
-    For Multibody. The tool touches with its lowest point at the start. The points are around the TCP of any tool.
+    For Multibody. Without a gap the tool touches with its lowest point at the start. Points are around any tool's TCP.
     """
 
     arm: str = key("", "which arm presses; empty: the first")
@@ -54,7 +57,13 @@ class PatchConfig(Config):
     dissipation: float = key(0.0, "d_E of Hunt and Crossley, in place of damping", unit="s/m", bounds="not negative")
     friction: float = key(0.0, "Coulomb's, against the tool", unit="1", bounds="not negative and at most 2")
     width: float = key(0.06, "w, of the square", unit="m", bounds="positive and at most 1")
-    points: int = key(2, "m, along each edge", bounds="from 2 to 10")
+    points: int = key(2, "m, along each edge; by pressure: of squares", bounds="from 2 to 10")
+    gap: float = key(0.0, "of the tool from the plate at the start", unit="m", bounds="from 0 to 0.05")
+    contact: str = key(
+        "points",
+        "points: springs; pressure: Drake's hydroelastic contact of the whole face with a slab",
+        choices=("points", "pressure"),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -81,7 +90,15 @@ class PatchConfig(Config):
     @property
     def tilt_stiffness(self) -> float:
         """K_t about any axis in the plane, while all points touch [Nm/rad]."""
-        return self.stiffness * self.width**2 / 12 * (self.points + 1) / (self.points - 1)
+        square = self.stiffness * self.width**2 / 12
+        if self.by_pressure:
+            return square * (1 - 2 / (3 * self.points**2))
+        return square * (self.points + 1) / (self.points - 1)
+
+    @property
+    def by_pressure(self) -> bool:
+        """Whether the face touches as a whole."""
+        return self.contact == "pressure"
 
     def touching_points(self) -> Array:
         """The points of the tool in the TCP frame, shape (N, 3) [m]."""

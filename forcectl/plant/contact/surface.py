@@ -5,7 +5,8 @@
 
 z is the profile itself, s the path coordinate of the tool along the surface from its start. A ball cannot reach the
 bottom of a groove narrower than itself and rounds off every peak: h is the profile dilated by the ball, computed once
-when the station is built. The contact normal stays n; lateral forces of flanks are left out.
+when the station is built. The contact normal stays n, and lateral forces of flanks are left out, unless the normal is
+to turn: see `forcectl.plant.contact.turning_surface`.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ Array = NDArray[np.float64]
 GRID = 2e-5  # distance of the points of a profile [m]
 _NARROWEST = 5 * GRID  # what such a grid resolves [m]
 _STEEPEST = 0.3  # slope [-] up to which n is still a fair contact normal
+_STEEPEST_TURNING = 1.0  # and up to which the way of the tool is still one over s
 _LONGEST = 2.0  # path [m]; keeps the grid small
 _HIGHEST = 0.05  # height in a file, of a groove, of roughness [m]: beyond it the number is hardly in metres
 
@@ -278,6 +280,7 @@ class SurfaceConfig(Config, in_batches=True):
         unit="1",
         bounds=f"from {-_STEEPEST:g} to {_STEEPEST:g}",
     )
+    turning: bool = key(False, "whether the normal turns with the profile (Multibody only); false: it stays n")
     gap: float = key(
         0.0, "distance of the tool from the surface at the start", unit="m", bounds=f"from 0 to {_HIGHEST:g}"
     )
@@ -287,6 +290,8 @@ class SurfaceConfig(Config, in_batches=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.turning and (self.moves or self.materials is not None):
+            raise invalid("turning", True, f"false with {'moves' if self.moves else 'materials'}")
         if self.heights:
             self._added(self._grid())
 
@@ -324,6 +329,11 @@ class SurfaceConfig(Config, in_batches=True):
             materials = self.materials.path()
             z += materials.along(materials.height, s)
         h = ball_envelope(z, GRID, ball_radius)
+        if self.turning:
+            steepest = float(np.abs(np.gradient(h, GRID) + self.slope).max())
+            if steepest > _STEEPEST_TURNING:
+                fault = f" has a slope of {steepest:.2g}: must be at most {_STEEPEST_TURNING:g} where the normal turns"
+                raise BadInputError(fault, key="surface.heights")
         return SurfaceProfile(float(s[0]), GRID, h - h[len(s) // 2] - self.gap, self.slope)
 
     def _grid(self) -> Array:

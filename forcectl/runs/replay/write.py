@@ -1,8 +1,9 @@
 """Replay of a run: robot, environment and forces in three dimensions, as one HTML page without any network access.
 
 Drawn from the log alone, so it works for every fidelity. Motions are true to scale. An uneven surface moves by its
-height under the tool, as the tool sees it; its grooves are dark lines on the plate. Blue arrows are true forces, orange
-ones estimates; the page says which is which, what the time is and, of a state machine, the mode.
+height under the tool, as the tool sees it; its grooves are dark lines on the plate. One whose normal turns stands still
+and is drawn in strips. Blue arrows are true forces, orange ones estimates; the page says which is which, what the time
+is and, of a state machine, the mode.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from forcectl.diagrams.mechanics.placed_part import parse_part
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.models import add_packages
 from forcectl.plant.contact.part import PartConfig
+from forcectl.plant.contact.surface import SurfaceProfile
 from forcectl.robot.parts import add_robot
 from forcectl.runs.replay.forces import BESIDE, Arrow, ShownForce, forces_of
 from forcectl.runs.replay.page import with_panel
@@ -45,6 +47,7 @@ from forcectl.tasks.coordinates import ArmTask
 FRAMES = 32.0  # pictures per second of simulated time
 _DARK, _WOOD = Rgba(0.15, 0.15, 0.17, 1.0), Rgba(0.75, 0.6, 0.42, 1.0)
 _PLATE = 0.3, 0.2  # [m] length and width of the plate
+_STRIPS, _THICK = 60, 1e-3  # that a curved surface is drawn in, and how thick they are [m]
 
 
 def write_replay(
@@ -132,12 +135,14 @@ class _Plate:
         self.X_WE = RigidTransform(R_WE, contact.robot.pose(contact.robot.context_at(contact.start)).translation())
         # The arrow stands beside the tool, where it does not go, and grows along n.
         self._foot = self.X_WE @ ([-0.12, 0.08, 0.0] if self._uneven else [0.1, 0.0, 0.0])
+        self._slide = None
+        if self._uneven and self._uneven.turning:
+            return
         parser = Parser(plant)
         parser.SetAutoRenaming(True)
         add_packages(parser.package_map())
         (plate,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.urdf")
         top = plant.GetFrameByName("surface", plate)
-        self._slide = None
         if self._uneven:
             guide = plant.AddFrame(FixedOffsetFrame("surface_guide", plant.world_frame(), self.X_WE, plate))
             self._slide = plant.AddJoint(PrismaticJoint("surface_slide", guide, top, [0.0, 0.0, 1.0]))
@@ -146,7 +151,11 @@ class _Plate:
 
     def pressed(self, log: xr.Dataset, label: str) -> ShownForce:
         """The force of the surface on the tool."""
-        forces = log["contact_force"].values.reshape(log.sizes["time"], -1)[:, [self._index]] * self.n
+        normals = self.n
+        if "surface_tilt" in log:
+            tilt, along = log["surface_tilt"].values.reshape(-1, 1), self.X_WE.rotation().col(0)
+            normals = np.cos(tilt) * self.n - np.sin(tilt) * along
+        forces = log["contact_force"].values.reshape(log.sizes["time"], -1)[:, [self._index]] * normals
         return ShownForce(label, self.name("force"), BESIDE, forces, lambda k: (self._foot, forces[k]))
 
     def name(self, what: str) -> str:
@@ -156,12 +165,24 @@ class _Plate:
         meshcat.SetTransform(self.name("grooves"), self.X_WE)
         if not self._uneven:
             return
+        if self._uneven.turning:
+            self._draw_strips(meshcat, self._uneven.profile(0.0))
+            return
         parts = [part for part in self._uneven.heights.values() if hasattr(part, "lines")]
         lines = [line for part in parts for line in part.lines(self._uneven.length)]
         for i, (centre, width) in enumerate(line for line in lines if abs(line[0]) < _PLATE[0] / 2):
             line = f"{self.name('grooves')}/lines/{i}"
             meshcat.SetObject(line, Box(width, _PLATE[1], 2e-4), _DARK)
             meshcat.SetTransform(line, RigidTransform([centre, 0.0, 0.0]))
+
+    def _draw_strips(self, meshcat: Meshcat, profile: SurfaceProfile) -> None:
+        edges = np.linspace(-_PLATE[0] / 2, _PLATE[0] / 2, _STRIPS + 1)
+        ends = np.column_stack([edges, profile.height(edges)])
+        for i, ((s, h), (along, up)) in enumerate(zip(ends, np.diff(ends, axis=0), strict=False)):
+            strip = f"{self.name('grooves')}/strips/{i}"
+            meshcat.SetObject(strip, Box(float(np.hypot(along, up)), _PLATE[1], _THICK), _WOOD)
+            turned = RotationMatrix.MakeYRotation(-np.arctan2(up, along))
+            meshcat.SetTransform(strip, RigidTransform(turned, [s + along / 2, 0.0, h + up / 2 - _THICK / 2]))
 
     def move(self, meshcat: Meshcat, positions: NDArray[np.float64], height: float, when: float) -> None:
         """Raise it to a height [m]."""

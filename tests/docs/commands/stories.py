@@ -249,6 +249,7 @@ STORIES = {
         Step("forcectl run fig_6_5", ("alignment", "peg", f"results in runs/fig_6_5-1: {RUN}"),  # both generators rest
              equal=("velocity-based, consistent", "position-based, consistent")),
         Step("forcectl run hybrid_alignment", ("results in runs/hybrid_alignment-1",)),
+        soon("forcectl run curved_surface", "results in runs/curved_surface-1", variant="normal from the force"),
     )),
     "joint interface": Story((
         soon('forcectl run force_estimation --variant "static loads" --out runs/forces --replay',
@@ -301,6 +302,7 @@ STORIES = {
         shortened("forcectl sweep pipette", "results in runs/pipette-1"),
         shortened("forcectl sweep plywood_directions"),
         shortened("forcectl sweep touch_down", shard="3/19"),
+        shortened("forcectl sweep touch_down_speeds", shard="2/5"),
     ), short="sweeps"),
 }  # fmt: skip
 

@@ -247,10 +247,23 @@ def test_an_approach_that_no_retreat_can_turn_round_is_refused():
     base = {"station": {"fidelity": "OneDimensional", "environment": {"stiffness": 1e5, "surface": {"gap": 5e-3}}}}
     law = fc.force.ApproachConfig(speed=0.05)
     with pytest.raises(
-        BadInputError, match=r"controller.speed = 0.05 m/s: the force rises by 35.7 N .* at most 0.0336"
+        BadInputError,
+        match=r"controller.speed = 0.05 m/s: the first touch comes to 51.5 N on 1e.05 N/m.* at most 0.0194",
     ):
         build(load_scenario(base | {"controller": law, "guard": {"maximum_force": 20.0}}))
-    build(load_scenario(base | {"controller": law, "guard": {"maximum_force": 30.0}}))
+    build(load_scenario(base | {"controller": law, "guard": {"maximum_force": 52.0}}))
+
+
+@pytest.mark.parametrize(
+    ("fidelity", "stiffness", "speed"), [("OneDimensional", 1e5, 0.029), ("Multibody", 1e4, 0.092)]
+)
+def test_at_the_largest_speed_that_is_admitted_the_first_touch_stays_below_the_largest_force(
+    fidelity, stiffness, speed
+):
+    gap = 0.15 * speed
+    station = {"fidelity": fidelity, "environment": {"stiffness": stiffness, "surface": {"gap": gap}}}
+    run = outcome(fc.force.ApproachConfig(speed=speed), 0.4, station=station, guard=GuardConfig(maximum_force=30.0))
+    assert 20.0 < signal(run, "contact_force").max() < 30.0
 
 
 def test_a_largest_force_of_arms_needs_their_estimated_forces():

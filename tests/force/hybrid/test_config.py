@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 import forcectl as fc
+from forcectl.diagrams.drives.position_drive import PositionDriveConfig
 from forcectl.errors import BadInputError
 from forcectl.force.admittance import AdmittanceConfig
+from forcectl.force.approach import ApproachConfig
 from forcectl.force.baselines.pid import PidConfig
 from forcectl.force.hybrid.config import DirectionConfig, HybridConfig, direction_model
 from forcectl.force.hybrid.task_axes import DIRECTIONS
 from forcectl.force.integral import IntegralConfig
+from forcectl.motion.references import SequenceConfig
 from forcectl.plant.compliance import robot_compliance
+from forcectl.plant.drives.servo import ServoConfig
 from tests.examples.hybrid_examples import axes, model
 
 
@@ -111,3 +115,25 @@ def test_another_tilt_other_laws_and_a_motion_along_the_plate():
     way = end["tool_position"].values - still["tool_position"].values
     np.testing.assert_allclose(way, [0.02, 0.0, 0.0], atol=5e-4)
     assert float(end["contact_force"]) == pytest.approx(15.0, rel=0.05)
+
+
+def test_with_a_guarded_move_along_z_it_touches_presses_and_leaves():
+    station = {
+        "fidelity": "Kinematic",
+        "environment": {"stiffness": 1e4, "surface": {"gap": 2e-3}},
+        "drive": PositionDriveConfig(servo=ServoConfig(friction_scale=0.0, coulomb_friction=0.0)),
+    }
+    law = ApproachConfig(law=IntegralConfig(integral_gain=2.5), speed=0.02, patience=0.3)
+    reference = SequenceConfig(times=[0.0, 1.8], forces=[15.0, 0.0])
+    scenario = {
+        "station": station,
+        "controller": HybridConfig(directions={"z": DirectionConfig(law=law)}),
+        "reference": reference,
+        "duration": 2.3,
+    }
+    log = fc.run(scenario).log.squeeze()
+    force, time = log["contact_force"].values, log["time"].values
+    assert force[time < 0.1].max() == 0.0
+    np.testing.assert_allclose(force[(time > 1.7) & (time < 1.8)], 15.0, atol=0.75)
+    assert force.max() < 16.5
+    assert force[time > 2.2].max() == 0.0

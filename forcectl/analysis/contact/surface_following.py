@@ -1,0 +1,47 @@
+"""A tool that slides along a surface whose normal turns: the true force along that normal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from forcectl.analysis.tables.task_tables import SURFACE_FOLLOWING_METRICS
+from forcectl.diagrams.model import Setting
+from forcectl.errors import BadInputError
+from forcectl.framework.fields import Config, key
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(kw_only=True)
+class SurfaceFollowingAnalysis(Config):
+    """Scenario part `!SurfaceFollowing`: of one surface with `turning: true`."""
+
+    begin: float = key(2.0, "from which it is judged", unit="s", bounds="not negative")
+
+    def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
+        """Those of `SURFACE_FOLLOWING_METRICS`; None where the run ends before it is judged.
+
+        Raises:
+            BadInputError: no normal turns, or there is no reference of the force.
+        """
+        missing = [name for name in ("surface_tilt", "desired_force") if name not in log]
+        if missing:
+            wanted = "must go together with a reference and a surface with turning = true"
+            raise BadInputError(f" finds no {', '.join(missing)}: {wanted}", key="analyses")
+        found: dict[str, float | None] = dict.fromkeys(SURFACE_FOLLOWING_METRICS)
+        after = log["time"].values >= self.begin - 1e-9
+        if after.any():
+            names = ("contact_force", "desired_force", "surface_tilt")
+            force, wanted, tilt = (log[name].values.squeeze()[after] for name in names)
+            found["normal_turns_deg"] = float(np.degrees(np.ptp(tilt)))
+            found["normal_force_mean_N"] = float(force.mean())
+            found["normal_force_error_N"] = float(np.abs(force - wanted).max())
+        return found
+
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
+        """None of its own."""
+        return {}

@@ -1,0 +1,67 @@
+"""Force of a first touch, by which a guard says how fast a surface may be approached::
+
+    M w'' + D w' + K_J w = J'n F,    F = K_E (v t - n'J w),    w = w' = 0 at the touch                 until t = T
+
+The drives move on at the speed v for the time T until sensor, estimate and drives have turned the motion round. The
+links hang on the springs K_J and dampers D of the joints, which w deflects; the surface stops them at once, and so they
+swing around the ramp v t/(C_R + C_E) of the springs alone. F is linear in v; its largest value until T is taken.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from forcectl.plant.plant_model import PlantModel
+
+Array = NDArray[np.float64]
+
+# T [s]: the drives of the COMAU turn round after 0.026 to 0.038 s on 1e4 to 1e6 N/m, last on 1e4 N/m.
+TURNS = 0.038
+_STEP = 2e-4  # [s] in which the largest force is looked for
+
+
+def swinging_gain(mass: Array, damping: Array, springs: Array, row: Array, stiffness: float, duration: float) -> float:
+    """Largest force of a touch per speed of the drives, links on joint springs and all [N s/m].
+
+    Args:
+        mass: M, shape (n, n) [kg m2].
+        damping: D, shape (n,) [Nms/rad].
+        springs: K_J, shape (n,) [Nm/rad].
+        row: n'J, shape (n,) [m/rad].
+        stiffness: K_E [N/m].
+        duration: T [s].
+    """
+    n = len(row)
+    w, speed, depth, v = slice(0, n), slice(n, 2 * n), 2 * n, 2 * n + 1
+    rates = np.zeros((2 * n + 2, 2 * n + 2))
+    rates[w, speed] = np.eye(n)
+    rates[speed, w] = -np.linalg.solve(mass, np.diag(springs) + stiffness * np.outer(row, row))
+    rates[speed, speed] = -np.linalg.solve(mass, np.diag(damping))
+    rates[speed, depth] = np.linalg.solve(mass, stiffness * row)
+    rates[depth, v] = 1.0
+    step, state = expm(_STEP * rates), np.eye(2 * n + 2)[v]
+    largest = 0.0
+    for _ in range(round(duration / _STEP)):
+        state = step @ state
+        largest = max(largest, stiffness * float(state[depth] - row @ state[w]))
+    return largest
+
+
+def touch_gain(model: PlantModel) -> float:
+    """Largest force of a first touch per speed of the approach, over all surfaces [N s/m]."""
+    late, gains = TURNS + model.sensor_delay, []
+    for i in range(model.size):
+        own = model.loop(i)
+        compliance, robot_compliance = float(own.environment_compliance[0]), float(own.robot_compliance[0])
+        gains.append(late / (compliance + robot_compliance))
+        if own.robot is not None and robot_compliance > 0:
+            robot, context = own.robot, own.robot.context_at(own.start)
+            row = own.n @ robot.jacobian(context)[3:]
+            # Springs that give as much as the robot of the model does, drives that give included.
+            springs = robot.joint_stiffness * np.sum(row**2 / robot.joint_stiffness) / robot_compliance
+            damping = np.broadcast_to(robot.parameters.transmission_damping, row.shape)
+            mass = robot.mass_matrix(context)
+            gains[-1] = max(gains[-1], swinging_gain(mass, damping, springs, row, 1.0 / compliance, late))
+    return max(gains)

@@ -1,0 +1,158 @@
+"""A curved surface whose normal turns along the path, met by a ball.
+
+The profile h that a ball rests on, see `surface`, is the way of its lowest point. While the ball is at s along the
+path and z along n, both from the start, the point of that way nearest to it is::
+
+    s* = s - (h(s*) - z) h'(s*),    tan(theta) = h'(s*)                                    foot point, slope
+    delta = (h(s*) - z)/cos(theta)                                                         depth along the normal
+
+There the surface is replaced by the plane that it has in common with the ball: turned by theta about the axis across
+the path, raised along n to cut that axis at::
+
+    b = h(s*) - s* tan(theta) + R (1 - 1/cos(theta))
+
+The force is then along the local normal, and goes through the centre of the ball.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from forcectl.errors import invalid
+from forcectl.framework.batch import batch_values
+from forcectl.framework.cache import BlockCache
+from forcectl.framework.fields import Config, key
+from forcectl.plant.contact.surface import SurfaceProfile
+from forcectl.robot.model import RobotModel, posture_cache, unit_normal
+
+Array = NDArray[np.float64]
+_STEPS = 4  # of the search for the foot point; each leaves |delta/radius of curvature| of its error
+_WIDTH = 10  # points to both sides over which a slope is taken: 0.2 mm
+
+
+@dataclass(kw_only=True)
+class ArcConfig(Config):
+    """Scenario part `!Arc`: an arc of a circle along the path, level at the start; a cylinder across the path."""
+
+    radius: float = key(0.3, "of the surface", unit="m", bounds="from 0.02 to 100")
+    hollow: bool = key(False, "true: a trough; false: a hill")
+
+    def heights(self, s: Array) -> Array:
+        """See `HeightPart`.
+
+        Raises:
+            BadInputError: an arc that ends within the length of the profile.
+        """
+        end = float(s[-1])
+        if end > 0.7 * self.radius:
+            raise invalid("radius", self.radius, f"at least {end / 0.7:.3g} m with surface.length = {end:g} m")
+        drop: Array = self.radius - np.sqrt(self.radius**2 - s**2)
+        return drop if self.hollow else -drop
+
+
+class FootPoint:
+    """Where a ball is nearest to a profile.
+
+    Args:
+        profile: what the ball rests on.
+        radius: R of the ball [m].
+    """
+
+    def __init__(self, profile: SurfaceProfile, radius: float):
+        heights = np.pad(profile.heights, _WIDTH, mode="edge")
+        slopes = (heights[2 * _WIDTH :] - heights[: -2 * _WIDTH]) / (2 * _WIDTH * profile.step)
+        # Lists of floats: numpy is slow on single numbers.
+        self._heights, self._slopes = profile.heights.tolist(), slopes.tolist()
+        self._start, self._step, self._slope = profile.start, profile.step, profile.slope
+        self._radius = radius
+
+    def _at(self, s: float) -> tuple[float, float]:
+        """Height [m] and slope at a path coordinate [m]."""
+        last = len(self._heights) - 1
+        at = min(max((s - self._start) / self._step, 0.0), float(last))
+        i = min(int(at), last - 1)
+        share = at - i
+        height, slope = (table[i] + share * (table[i + 1] - table[i]) for table in (self._heights, self._slopes))
+        return height + self._slope * s, slope + self._slope
+
+    def find(self, s: float, z: float) -> tuple[float, float, float]:
+        """Foot point of a ball at (s, z) [m].
+
+        Returns:
+            height h(s*) [m], theta [rad], and b [m].
+        """
+        nearest = s
+        height, slope = self._at(s)
+        for _ in range(_STEPS):
+            nearest = s - (height - z) * slope
+            height, slope = self._at(nearest)
+        raised = self._radius * (1.0 - math.sqrt(1.0 + slope * slope))
+        return height, math.atan(slope), height - nearest * slope + raised
+
+
+class TurningSurface(LeafSystem):
+    """Height and tilt of a curved surface where the ball of a tool touches it.
+
+    ```
+    name: TurningSurface
+    input_ports: [link_position]
+    output_ports: [surface_height, surface_tilt, plane_state]
+    ```
+
+    link_position: shape (n_q,) [rad].
+    surface_height: shape (1,), h(s*) [m]. surface_tilt: shape (1,), theta, positive where the surface rises along the
+    path [rad]. plane_state: shape (4,), for a plane that turns about the axis across, n x d, and slides along n:
+    -theta, b and zero speeds [rad, m, rad/s, m/s]. All outputs are feedthrough.
+
+    Sampling: none; evaluated when read.
+
+    Args:
+        robot: kinematics, with the TCP.
+        n: unit normal at the start in W, shape (3,).
+        along: d, unit vector of the path in W, shape (3,).
+        start: q_0, shape (n_q,) [rad].
+        profile: h(s).
+        radius: R of the ball, whose lowest point is the TCP at the start [m].
+    """
+
+    port_units = {"surface_tilt": "rad", "plane_state": "rad,m,rad/s,m/s"}
+
+    def __init__(
+        self, robot: RobotModel, n: ArrayLike, along: ArrayLike, start: Array, profile: SurfaceProfile, radius: float
+    ):
+        super().__init__()
+        self._robot, self._foot = robot, FootPoint(profile, radius)
+        self._axes = np.vstack([unit_normal(along), unit_normal(n)])
+        context = robot.context_at(batch_values("start", start, robot.num_joints))
+        X_WT = robot.pose(context)
+        self._p_TC = X_WT.rotation().matrix().T @ (radius * self._axes[1])
+        self._origin = self._axes @ X_WT.multiply(self._p_TC)
+        position = self.DeclareVectorInputPort("link_position", robot.num_joints)
+        self._posture = posture_cache(self, robot, position)
+        reads = {self._posture.ticket()}
+        self._found = BlockCache(self, "foot point", lambda: Value[object](()), TurningSurface._find, reads)
+        reads = {self._found.ticket()}
+        for name, rows in (("surface_height", [0]), ("surface_tilt", [1]), ("plane_state", [3, 2, 4, 4])):
+            self._declare(name, rows, reads)
+
+    def _declare(self, name: str, rows: list[int], reads: set[object]) -> None:
+        found = self._found
+
+        def show(context: Context, output: BasicVector) -> None:
+            values = found.Eval(context)
+            for i, row in enumerate(rows):
+                output.SetAtIndex(i, values[row])
+
+        self.DeclareVectorOutputPort(name, len(rows), show, prerequisites_of_calc=reads)
+
+    def _find(self, context: Context, value: AbstractValue) -> None:
+        centre = self._robot.pose(self._posture.Eval(context)).multiply(self._p_TC)
+        s, z = (self._axes @ centre - self._origin).tolist()
+        height, theta, b = self._foot.find(s, z)
+        value.set_value((height, theta, b, -theta, 0.0))
