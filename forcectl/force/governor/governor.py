@@ -43,7 +43,7 @@ from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs, input_names
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
-from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, available_solvers, make_solver
+from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, solver_choices, make_solver
 
 _OPTIMAL, _NOT_FINITE = float(Status.OPTIMAL), float(Status.NOT_FINITE)
 
@@ -299,7 +299,7 @@ class GovernedConfig(Config):
         -inf, "smallest predicted force; does not bound the reference nor what the model misses", unit="N"
     )
     upper_force: float = key(inf, "largest predicted force", unit="N")
-    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
+    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=solver_choices)
 
     def __post_init__(self) -> None:
         super().__post_init__()
