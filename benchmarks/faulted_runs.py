@@ -13,7 +13,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -133,6 +133,10 @@ def one(group: Group, number: int, with_fault: bool) -> Row:
     stiffness = getattr(scenario.station.environment, "stiffness", None)
     row = {"group": group.name, "number": number, "faulted": with_fault, **asdict(response), "findings": kinds}
     row |= {"guard": sorted({int(code) for code in codes if code}), "maximum": maximum, "share": share}
+    if fault is None and codes.any() and maximum is not None:
+        bare = replace(scenario, guard=None)
+        peak = response_of("", None, scenario, simulate(bare, build(bare), "bare").log, 0.0, [], []).peak_force
+        row["without_guard"] = None if peak is None else peak / maximum
     row |= {"failure": outcome.failure, "stiffness": stiffness, "seconds": time.process_time() - begun}
     return row
 
@@ -143,9 +147,9 @@ def unsafe(row: Row) -> bool:
 
 
 def wrong(row: Row) -> bool:
-    """Whether a run misses what is asked of it."""
+    """Whether a run misses what is asked of it; an alarm is false where the force stays below its maximum by itself."""
     if not row["faulted"]:
-        return bool(row["guard"])
+        return bool(row["guard"]) and (row["without_guard"] or 0.0) <= 1.0
     bad = not row["finite"] or row["failure"] is not None or not row["named_by"]
     return bad or row["share"] > _LATE or unsafe(row)
 

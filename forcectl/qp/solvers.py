@@ -129,9 +129,7 @@ def check_solver(name: str) -> str:
         BadInputError: it is unknown, or this Drake lacks it or may not use it.
     """
     if not isinstance(name, str) or name not in solver_choices():
-        raise BadInputError(
-            f" = {name!r}: must be one of {', '.join(solver_choices())} (available here)", key="solver"
-        )
+        raise BadInputError(f" = {name!r}: must be one of {', '.join(solver_choices())} (available here)", key="solver")
     return name
 
 

@@ -14,7 +14,7 @@ from forcectl.models import list_robots, robot_and_arm, robot_folder, tool_folde
 from forcectl.robot.model import RobotModel
 from forcectl.robot.parameters import load_control_parameters, load_tool_parameters
 from forcectl.robot.parts import add_robot
-from tests.examples.robot_folders import CONTROL, LINK_LENGTH, write_planar_robot
+from tests.examples.robot_folders import CONTROL, CONTROL, LINK_LENGTH, write_planar_robot
 
 ARMS = """arms:
   inner: {flange_frame: forearm, joints: [shoulder, elbow]}
@@ -213,6 +213,13 @@ def test_a_mistake_is_named_in_one_line(tmp_path, old, new, message):
         RobotModel.load(folder, tool="force_probe")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("flange", "joint"), [("base", "shoulder"), ("forearm", "wrist")])
+def test_a_flange_is_moved_by_every_joint(tmp_path, flange, joint):
+    folder = write_planar_robot(tmp_path, CONTROL.replace("flange_frame: hand", f"flange_frame: {flange}"))
+    with pytest.raises(BadInputError, match=f"flange_frame = '{flange}': must be moved by every .* also by {joint}"):
+        RobotModel.load(folder)
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs, input_names
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
-from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, solver_choices, make_solver
+from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver, solver_choices
 
 _OPTIMAL, _NOT_FINITE = float(Status.OPTIMAL), float(Status.NOT_FINITE)
 
@@ -312,6 +312,8 @@ class GovernedConfig(Config):
         check("inner_bandwidth", inner, "positive")
         names = ("lower_limit", "upper_limit", "lower_force", "upper_force")
         _check_limits({name: np.array([getattr(self, name)]) for name in names})
+        if self.upper_force <= 0:
+            raise invalid("upper_force", self.upper_force, "positive")
 
     @property
     def in_batches(self) -> bool:  # type: ignore[override]
