@@ -14,7 +14,7 @@ from forcectl.models import list_robots, robot_and_arm, robot_folder, tool_folde
 from forcectl.robot.model import RobotModel
 from forcectl.robot.parameters import load_control_parameters, load_tool_parameters
 from forcectl.robot.parts import add_robot
-from tests.examples.robot_folders import CONTROL, CONTROL, LINK_LENGTH, write_planar_robot
+from tests.examples.robot_folders import CONTROL, LINK_LENGTH, write_planar_robot
 
 ARMS = """arms:
   inner: {flange_frame: forearm, joints: [shoulder, elbow]}
