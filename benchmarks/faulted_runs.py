@@ -122,6 +122,8 @@ def one(group: Group, number: int, with_fault: bool) -> Row:
     begun = time.process_time()
     scenario, sound, fault, begin = drawn(group, number, with_fault)
     outcome = simulate(scenario, build(scenario), "run")
+    if outcome.interrupted:
+        raise KeyboardInterrupt
     kinds = [finding.kind for finding in outcome.findings]
     codes = guard_codes(outcome.log)
     response = response_of(group.law(number), fault, scenario, outcome.log, begin, kinds, [])
