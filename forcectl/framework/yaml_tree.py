@@ -225,7 +225,8 @@ def _composed(loader: _Loader, text: str, fast: bool) -> yaml.Node | None:
         with suppress(yaml.YAMLError):  # whose words differ
             node: yaml.Node | None = quick.get_single_node()
             return node
-    return cast("yaml.Node | None", loader.get_single_node())
+    last: yaml.Node | None = loader.get_single_node()
+    return last
 
 
 def _values(tree: Tree) -> list[Tree]:
