@@ -1,8 +1,9 @@
 """What random faults come to: 1000 faulted and 500 sound runs, as the table of `docs/safety.md`.
 
-`python benchmarks/faulted_runs.py` makes all of them, which takes hours; `--share 0.1` makes a tenth, of each group at
-least one of each kind. The parameters of a run follow from its number and from nothing else: a smaller share is the
-beginning of a larger one. Stiffness, force, maximum_force, begin of the fault, fault and seed are random.
+`python benchmarks/faulted_runs.py rows.jsonl` takes about half an hour of one processor. A row is kept as its run ends:
+stopped and started again on the same file, it goes on where it was. The runs come in a random order, the same every
+time, so that `--count 150` is a sample of all of them. The parameters of a run follow from its number and from nothing
+else: stiffness, force, maximum_force, begin of the fault, fault and seed.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 _LATE = 1.2  # of maximum_force, that a peak may come to
 _SAFE = 1.0  # [s] from the fault to a safe state
 
+Row = dict[str, Any]
+
 
 @dataclass(frozen=True)
 class Group:
@@ -35,7 +38,7 @@ class Group:
 
     Attributes:
         name: of the row.
-        faulted, sound: runs of a full benchmark.
+        faulted, sound: how many.
         base: scenario.
         changes: of it.
         duration: [s].
@@ -50,20 +53,9 @@ class Group:
     duration: float
     laws: tuple[str, ...] = ()
 
-
-@dataclass
-class Tally:
-    """What the runs of a group came to."""
-
-    runs: int = 0
-    sound: int = 0
-    alarms: int = 0
-    not_finite: int = 0
-    failed: int = 0
-    named: int = 0
-    peaks: int = 0
-    worst: float = 0.0
-    unsafe: int = 0
+    def law(self, number: int) -> str:
+        """Tag of the controller of a run; the scenario's name for its own."""
+        return self.laws[number % len(self.laws)] if self.laws else self.base
 
 
 def groups() -> list[Group]:
@@ -95,8 +87,8 @@ def fitting(base: str, changes: dict[str, Any]) -> Iterator[str]:
         yield tag
 
 
-def drawn(group: Group, number: int, with_fault: bool) -> tuple[Scenario, Scenario, DeclaredFault | None, float] | None:
-    """Scenario with and without its fault, the fault, and its begin [s]; None where the scenario cannot have it."""
+def drawn(group: Group, number: int, with_fault: bool) -> tuple[Scenario, Scenario, DeclaredFault | None, float]:
+    """Scenario with and without its fault, the fault, and its begin [s]."""
     from forcectl.framework.yaml_tree import Tagged
     from forcectl.scenario.scenario import load_scenario
     from forcectl.sweeps.faults.declared import FAULTS, changes_of
@@ -106,8 +98,7 @@ def drawn(group: Group, number: int, with_fault: bool) -> tuple[Scenario, Scenar
     force = rng.uniform(5.0, 20.0)
     changes["guard.maximum_force"] = 2.0 * force if group.laws else 30.0
     if group.laws:
-        law = group.laws[number % len(group.laws)]
-        changes |= {"controller": Tagged({}, law), "reference.force": force}
+        changes |= {"controller": Tagged({}, group.law(number)), "reference.force": force}
         changes["station.environment.stiffness"] = float(10.0 ** rng.uniform(np.log10(6e3), np.log10(2e5)))
     sound = load_scenario(group.base, overrides=changes)
     if not with_fault:
@@ -118,80 +109,103 @@ def drawn(group: Group, number: int, with_fault: bool) -> tuple[Scenario, Scenar
         found = changes_of(FAULTS[index], sound, begin)
         if not isinstance(found, str):
             return load_scenario(group.base, overrides=changes | found), sound, FAULTS[index], begin
-    return None
+    raise ValueError(f"{group.name} can have no fault")
 
 
-def one(group: Group, number: int, with_fault: bool, tally: Tally, missed: list[dict[str, Any]]) -> None:
-    """One run, and where it has a fault the sound run that its findings are compared with."""
+def one(group: Group, number: int, with_fault: bool) -> Row:
+    """What one run comes to; where findings alone name its fault, against the sound run."""
     from forcectl.analysis.findings.guard import guard_codes
     from forcectl.runs.simulate import simulate
     from forcectl.scenario.scenario import build
     from forcectl.sweeps.faults.response import response_of
 
-    made = drawn(group, number, with_fault)
-    if made is None:
-        return
-    scenario, sound, fault, begin = made
+    begun = time.process_time()
+    scenario, sound, fault, begin = drawn(group, number, with_fault)
     outcome = simulate(scenario, build(scenario), "run")
+    if outcome.interrupted:
+        raise KeyboardInterrupt
     kinds = [finding.kind for finding in outcome.findings]
-    maximum = scenario.guard.maximum_force if scenario.guard is not None else None
-    tag = group.laws[number % len(group.laws)] if group.laws else group.base
-    if fault is None:
-        tally.sound += 1
-        if guard_codes(outcome.log).any():
-            tally.alarms += 1
-            missed.append({"group": group.name, "number": number, "controller": tag, "false alarm": kinds})
-        return
-    response = response_of(tag, fault, scenario, outcome.log, begin, kinds, [])
+    codes = guard_codes(outcome.log)
+    response = response_of(group.law(number), fault, scenario, outcome.log, begin, kinds, [])
     if response.named_by and not any(name.startswith("status") for name in response.named_by):
-        # Named by findings alone: by those that the same run has not without the fault.
         before = [finding.kind for finding in simulate(sound, build(sound), "sound").findings]
-        response = response_of(tag, fault, scenario, outcome.log, begin, kinds, before)
+        response = response_of(group.law(number), fault, scenario, outcome.log, begin, kinds, before)
+    maximum = scenario.guard.maximum_force if scenario.guard is not None else None
     share = 0.0 if response.peak_force is None or maximum is None else response.peak_force / maximum
-    safe = response.peak_force is None or (response.safe_time is not None and response.safe_time <= _SAFE)
-    tally.runs += 1
-    tally.not_finite += not response.finite
-    tally.failed += outcome.failure is not None
-    tally.named += bool(response.named_by)
-    tally.peaks += share > _LATE
-    tally.worst = max(tally.worst, share)
-    tally.unsafe += not safe
-    if share > _LATE or not safe or not response.named_by or not response.finite or outcome.failure:
-        row = asdict(response) | {"group": group.name, "number": number, "of maximum": round(share, 3)}
-        missed.append(row | {"failure": outcome.failure, "maximum": maximum})
+    stiffness = getattr(scenario.station.environment, "stiffness", None)
+    row = {"group": group.name, "number": number, "faulted": with_fault, **asdict(response), "findings": kinds}
+    row |= {"guard": sorted({int(code) for code in codes if code}), "maximum": maximum, "share": share}
+    if fault is None and codes.any() and maximum is not None:
+        bare = replace(scenario, guard=None)
+        peak = response_of("", None, scenario, simulate(bare, build(bare), "bare").log, 0.0, [], []).peak_force
+        row["without_guard"] = None if peak is None else peak / maximum
+    row |= {"failure": outcome.failure, "stiffness": stiffness, "seconds": time.process_time() - begun}
+    return row
 
 
-def lines(found: dict[str, Tally]) -> Iterator[str]:
+def unsafe(row: Row) -> bool:
+    """Whether a second after the fault the force was still too large."""
+    return row["peak_force"] is not None and (row["safe_time"] is None or row["safe_time"] > _SAFE)
+
+
+def wrong(row: Row) -> bool:
+    """Whether a run misses what is asked of it; an alarm is false where the force stays below its maximum by itself."""
+    if not row["faulted"]:
+        return bool(row["guard"]) and (row["without_guard"] or 0.0) <= 1.0
+    bad = not row["finite"] or row["failure"] is not None or not row["named_by"]
+    return bad or row["share"] > _LATE or unsafe(row)
+
+
+def lines(rows: list[Row]) -> Iterator[str]:
     """The table of docs/safety.md."""
     head = ("", "runs", "commands not finite", "stopped by an error", "named by status or finding")
     yield f"| {' | '.join((*head, 'peak above 1.2 `maximum_force`', 'not safe after 1 s', 'false alarms'))} |"
     yield f"|{'---|' * (len(head) + 3)}"
-    for name, tally in found.items():
-        peaks = f"{tally.peaks}, up to {tally.worst:.2f}" if tally.peaks else "0"
-        cells = (tally.runs, tally.not_finite, tally.failed, tally.named, peaks, tally.unsafe)
-        yield f"| {name} | {' | '.join(map(str, cells))} | {tally.alarms} of {tally.sound} |"
+    for name in dict.fromkeys(row["group"] for row in rows):
+        own = [row for row in rows if row["group"] == name]
+        faulted, sound = ([row for row in own if row["faulted"] is so] for so in (True, False))
+        peaks = [row["share"] for row in faulted if row["share"] > _LATE]
+        cells = (
+            len(faulted),
+            sum(not row["finite"] for row in faulted),
+            sum(row["failure"] is not None for row in faulted),
+            sum(bool(row["named_by"]) for row in faulted),
+            f"{len(peaks)}, up to {max(peaks):.2f}" if peaks else "0",
+            sum(map(unsafe, faulted)),
+            f"{sum(map(wrong, sound))} of {len(sound)}",
+        )
+        yield f"| {name} | {' | '.join(map(str, cells))} |"
 
 
 def run_all() -> None:
     parser = argparse.ArgumentParser(description="Random faults, as the table of docs/safety.md.")
-    parser.add_argument("--share", type=float, default=1.0, help="of the 1000 faulted and 500 sound runs (default 1)")
+    parser.add_argument("rows", type=Path, help="file of rows: those in it are not run again")
+    parser.add_argument("--count", type=int, default=1500, help="of the 1000 faulted and 500 sound runs (default all)")
     parser.add_argument("--only", default="", help="groups whose name contains this")
-    parser.add_argument("--json", default="", help="file for what was missed")
     arguments = parser.parse_args()
-    found: dict[str, Tally] = {}
-    missed: list[dict[str, Any]] = []
-    begin = time.perf_counter()
-    for group in groups():
-        if arguments.only not in group.name:
-            continue
-        tally = found[group.name] = Tally()
-        for with_fault, total in ((True, group.faulted), (False, group.sound)):
-            for number in range(max(round(arguments.share * total), 1)):
-                one(group, number, with_fault, tally, missed)
-        print(f"{group.name}: {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
-    print("\n".join(lines(found)))
-    if arguments.json:
-        Path(arguments.json).write_text(json.dumps(missed, indent=1, default=str), encoding="utf-8")
+    plan = [
+        (group, number, with_fault)
+        for group in groups()
+        for with_fault, total in ((True, group.faulted), (False, group.sound))
+        for number in range(total)
+        if arguments.only in group.name
+    ]
+    order = np.random.default_rng(0).permutation(len(plan))[: arguments.count]
+    text = arguments.rows.read_text(encoding="utf-8") if arguments.rows.exists() else ""
+    rows = [json.loads(line) for line in text.splitlines() if line.endswith("}")]
+    done = {(row["group"], row["number"], row["faulted"]) for row in rows}
+    with arguments.rows.open("a", encoding="utf-8") as file:
+        file.write("\n" * (text != "" and not text.endswith("\n")))
+        for group, number, with_fault in (plan[i] for i in order):
+            if (group.name, number, with_fault) not in done:
+                rows.append(one(group, number, with_fault))
+                file.write(json.dumps(rows[-1], default=str) + "\n")
+                file.flush()
+    names = [group.name for group in groups()]
+    rows.sort(key=lambda row: (names.index(row["group"]), not row["faulted"], row["number"]))
+    print("\n".join(lines(rows)))
+    for row in filter(wrong, rows):
+        print(json.dumps(row, default=str), file=sys.stderr)
 
 
 if __name__ == "__main__":

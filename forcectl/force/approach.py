@@ -221,11 +221,11 @@ class ApproachConfig(AroundLawConfig, Config):
     """Scenario part `!Approach`: a guarded move to the surface, then any force law; lost contacts are found again."""
 
     law: Any = slot("controller", IntegralConfig, meaning="force law that takes over in contact")
-    speed: float = key(0.02, "of the approach, and of leaving", unit="m/s", bounds="positive")
+    speed: float = key(0.02, "of the approach, and of leaving", unit="m/s", bounds="above 0 and at most 1")
     threshold: float = key(
         1.0, "measured force that is contact; below half of it there is none", unit="N", bounds="positive"
     )
-    touch_speed: float = key(0.003, "of the second touch", unit="m/s", bounds="positive")
+    touch_speed: float = key(0.003, "of the second touch", unit="m/s", bounds="above 0 and at most 1")
     step_back: float = key(
         0.1, "t_b: what `speed` makes in it is gone back after a touch", unit="s", bounds="not negative"
     )

@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from enum import Enum
 from functools import lru_cache
-from itertools import islice
 from pathlib import PurePath
 from typing import Any, cast
 
@@ -23,6 +23,7 @@ import yaml
 from forcectl.errors import BadInputError
 
 _MOST_VALUES, _MOST_CHARACTERS = 100_000, 500_000  # in one text
+_SHALLOW = 100  # levels
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff]")  # what no file of a run could hold
 
 Tree = Any  # a Tagged mapping, a list of trees, a scalar or an object
@@ -173,10 +174,11 @@ def _read(text: str, origin: str) -> Tree:
     if len(text) > _MOST_CHARACTERS:
         raise BadInputError(f"{origin}: not usable: {len(text)} characters: must be at most {_MOST_CHARACTERS}")
     try:
-        if _written(text) > _MOST_VALUES:
+        count, depth = _written(text)
+        if count > _MOST_VALUES:
             raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values")
         loader = _Loader(text)
-        node = loader.get_single_node()
+        node = _composed(loader, text, fast=0 < depth <= _SHALLOW)  # C goes down one level per call
         tree = None if node is None else loader.construct_document(node)
         values = _values(tree)
         for part in values:
@@ -198,13 +200,33 @@ def _read(text: str, origin: str) -> Tree:
         raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
 
 
-def _written(text: str) -> int:
-    """How many values a text has, at most one more than are allowed; 0 for a short one. Far faster than to read it."""
-    if len(text) <= _MOST_VALUES:  # a value is at least one character
-        return 0
-    events = yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # a build may be without C
-    values = (event for event in events if isinstance(event, yaml.NodeEvent))
-    return sum(1 for _ in islice(values, _MOST_VALUES + 1))
+def _written(text: str) -> tuple[int, int]:
+    """How many values a text has, at most one more than are allowed, and how deep they lie; far faster than to read it.
+
+    0 values of a short text: a value is at least one character.
+    """
+    if len(text) <= _MOST_VALUES:
+        return 0, 0
+    count = depth = deepest = 0
+    for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # a build may be without C
+        count += isinstance(event, yaml.NodeEvent)
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        deepest = max(deepest, depth)
+        if count > _MOST_VALUES or depth > 10 * _SHALLOW:  # which Python does not go down to
+            break
+    return count, deepest
+
+
+def _composed(loader: _Loader, text: str, fast: bool) -> yaml.Node | None:
+    """The nodes of a text; `fast`: in C, where there is a loader in C, and in Python where that one objects."""
+    if fast and hasattr(yaml, "CSafeLoader"):
+        quick = yaml.CSafeLoader(text)
+        quick.yaml_implicit_resolvers = loader.yaml_implicit_resolvers
+        with suppress(yaml.YAMLError):  # whose words differ
+            node: yaml.Node | None = quick.get_single_node()
+            return node
+    last: yaml.Node | None = loader.get_single_node()
+    return last
 
 
 def _values(tree: Tree) -> list[Tree]:

@@ -44,6 +44,9 @@ _OF_DRAKE: dict[str, tuple[str, dict[str, float]]] = {
     "mosek": ("MosekSolver", {"MSK_DPAR_INTPNT_QO_TOL_REL_GAP": 1e-12, "MSK_DPAR_INTPNT_QO_TOL_PFEAS": 1e-12}),
     "osqp": ("OsqpSolver", {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 100_000}),
 }
+# One that gives up after a step, to try controllers with: see `forcectl faults`.
+UNCONVERGED = "osqp_one_step"
+_UNCONVERGED = ("OsqpSolver", {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 1, "polish": 0})
 
 
 class Solver(Protocol):
@@ -114,16 +117,19 @@ def available_solvers() -> tuple[str, ...]:
     return (DEFAULT_SOLVER, *(name for name, (kind, _) in _OF_DRAKE.items() if _has(kind)))
 
 
+def solver_choices() -> tuple[str, ...]:
+    """Those, and where there is one the solver that gives up."""
+    return (*available_solvers(), *[UNCONVERGED] * ("osqp" in available_solvers()))
+
+
 def check_solver(name: str) -> str:
     """The name of a solver that can be used here.
 
     Raises:
         BadInputError: it is unknown, or this Drake lacks it or may not use it.
     """
-    if not isinstance(name, str) or name not in available_solvers():
-        raise BadInputError(
-            f" = {name!r}: must be one of {', '.join(available_solvers())} (available here)", key="solver"
-        )
+    if not isinstance(name, str) or name not in solver_choices():
+        raise BadInputError(f" = {name!r}: must be one of {', '.join(solver_choices())} (available here)", key="solver")
     return name
 
 
@@ -137,7 +143,7 @@ def make_solver(name: str | Solver) -> Solver:
         return name
     if check_solver(name) == DEFAULT_SOLVER:
         return drake_daqp() if _has("DaqpSolver") else DaqpPackage()
-    return DrakeSolver(*_OF_DRAKE[name])
+    return DrakeSolver(*(_UNCONVERGED if name == UNCONVERGED else _OF_DRAKE[name]))
 
 
 def _has(kind: str) -> bool:

@@ -41,7 +41,7 @@ class ReferenceFilter(Config):
     """Position loop of every joint, h(s) = w^2 / (s^2 + 2 z w s + w^2) (2.3)."""
 
     natural_frequency: float = key(meaning="w", unit="rad/s", bounds="positive")
-    damping_ratio: float = key(meaning="z", unit="1", bounds="positive")
+    damping_ratio: float = key(meaning="z", unit="1", bounds="from 0.01 to 10")
 
 
 @dataclass(kw_only=True)
@@ -103,7 +103,7 @@ class ControlParameters(Config):
     default_stiffness_set: str = key("", "name of one of these sets")
     transmission_damping: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nms/rad")
     reference_filter: ReferenceFilter = key(meaning="position loop of every joint")
-    period: float = key(meaning="control sampling", unit="s", bounds="positive")
+    period: float = key(meaning="control sampling", unit="s", bounds="above 0 and at most 1")
     gear_ratio: np.ndarray = key(_empty, "motor turns per joint turn, signed; empty: assumed", unit="1")
     rotor_inertia: np.ndarray = key(_empty, "motor side; empty: assumed", unit="kg m2")
     velocity_loop_inertia: np.ndarray = key(
@@ -288,6 +288,7 @@ def missing_limits(keys: Mapping[str, Any], model: Path) -> list[str]:
     return texts
 
 
+_LARGEST_ROTOR = 10.0  # [kg m2]
 Check = tuple[str, Any, str, bool]  # (field, value, what is allowed, whether it is)
 
 
@@ -300,6 +301,8 @@ def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
         if values.size or name in _GIVEN:
             sign = "not negative" if name in _NOT_NEGATIVE else "positive" if name in _POSITIVE else ""
             yield _numbers(name, values, n, sign)
+    rotors = parameters.rotor_inertia
+    yield "rotor_inertia", rotors.tolist(), f"at most {_LARGEST_ROTOR:g} kg m2", not (rotors > _LARGEST_ROTOR).any()
     yield "gear_ratio", parameters.gear_ratio.tolist(), "different from zero", bool(np.all(parameters.gear_ratio != 0))
     for name, stiffness in parameters.joint_stiffness.items():
         yield _numbers(f"joint_stiffness.{name}", stiffness, n, "positive")

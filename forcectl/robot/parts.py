@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -146,6 +146,7 @@ def add_robot_with(
     for name, one in arms.items():
         mine, flange = slice(first, first + len(one.joints)), _flange(plant, one, name, instance)
         parts[name] = ArmParts(name, mine, flange, tcp_frame=flange)
+        _check_way(plant, joints[mine], flange)
         if name in tools:
             tool_parameters, called = tools[name]
             parts[name] = _with_tool(plant, parts[name], instances[called], tool_parameters)
@@ -154,6 +155,18 @@ def add_robot_with(
         _check_moved_mass(plant, joint)
     missing_shapes = tuple(text for model in models.values() for text in model.urdf.missing_shapes)
     return RobotParts(parameters, instance, joints, actuators, parts, missing_shapes)
+
+
+def _check_way(plant: MultibodyPlant, joints: Sequence[Joint], flange: Frame) -> None:
+    """BadInputError unless every joint of an arm moves its flange."""
+    above = {joint.child_body().index(): joint for joint in map(plant.get_joint, plant.GetJointIndices())}
+    body, passed = flange.body().index(), set()
+    while body in above and body not in passed:
+        passed.add(body)
+        body = above[body].parent_body().index()
+    for joint in joints:
+        if joint.child_body().index() not in passed:
+            raise invalid("flange_frame", flange.name(), f"moved by every joint of the arm, also by {joint.name()}")
 
 
 def _check_moved_mass(plant: MultibodyPlant, joint: Joint) -> None:

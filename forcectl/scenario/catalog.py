@@ -192,6 +192,7 @@ class ScenarioFile:
         tree: its content.
         folder: that relative paths start from.
         imports: names of modules that it may name beside those in its folder, see `forcectl.framework.imports`.
+        modules: folder whose modules it may name; None: its own.
     """
 
     name: str
@@ -199,11 +200,13 @@ class ScenarioFile:
     tree: Tagged
     folder: Path
     imports: tuple[str, ...] = ()
+    modules: Path | None = None
 
     @property
     def allowed(self) -> Imports:
         """What it may import; of a shipped one that is changed, what is in the working directory."""
-        return Imports(Path.cwd() if self.folder == experiments_folder() else self.folder, self.imports)
+        own = Path.cwd() if self.folder == experiments_folder() else self.folder
+        return Imports(self.modules or own, self.imports)
 
     def where(self, key: str, note: str = "") -> str:
         """Where the value at a dotted key stands: file, line and note, for messages; see `place`."""

@@ -167,12 +167,17 @@ _INSTEAD = {"seed": "use `seeds`", "variants": "use `arms`"}
 
 @dataclass(frozen=True)
 class SweepFile:
-    """A sweep as given: its configuration, the scenario as a file, and how messages name its places."""
+    """A sweep as given: its configuration, the scenario as a file, and how messages name its places.
+
+    Attributes:
+        modules: folder whose modules a scenario that it names may name; None: that of the scenario.
+    """
 
     name: str
     config: SweepConfig
     origin: str
     lines: dict[str, int]
+    modules: Path | None = None
 
     def where(self, dotted: str) -> str:
         """File and line of a dotted key, for messages."""
@@ -191,10 +196,11 @@ def read_sweep(sweep: str | Path | Mapping[str, Any] | SweepConfig) -> SweepFile
     if isinstance(sweep, SweepConfig):
         return SweepFile("sweep", sweep, "", {})
     if isinstance(sweep, Mapping):
-        tree, name, folder, origin = plain(sweep), "sweep", Path.cwd(), "sweep"
+        tree, name, folder, origin, modules = plain(sweep), "sweep", Path.cwd(), "sweep", None
     else:
         path = _find(Path(os.path.expanduser(sweep)))
         name, folder, origin = path.stem, path.parent, path.name
+        modules = folder.resolve()
         try:
             tree = parse(path.read_text(encoding="utf-8"), path.name)
         except (OSError, UnicodeDecodeError) as error:
@@ -211,7 +217,7 @@ def read_sweep(sweep: str | Path | Mapping[str, Any] | SweepConfig) -> SweepFile
         config.scenario = str(beside.resolve())
     elif isinstance(config.scenario, Mapping):  # its paths start from the folder of the sweep
         config.scenario = replace(as_file(config.scenario), folder=folder)
-    return SweepFile(name, config, origin, lines)
+    return SweepFile(name, config, origin, lines, modules)
 
 
 def _find(path: Path) -> Path:

@@ -44,9 +44,12 @@ def test_every_shipped_tool_has_good_parameters(tool):
 
 MISTAKES = [
     ("period: 0.004", "perod: 0.004", "planar.control.yaml:13: perod: unknown key 'perod': did you mean 'period'?"),
+    ("damping_ratio: 0.9", "damping_ratio: 1000", "reference_filter.damping_ratio = 1000.0: must be from 0.01 to 10"),
+    ("period: 0.004", "period: 4", "period = 4.0: must be above 0 and at most 1"),
+    ("rotor_inertia: [1e-4", "rotor_inertia: [1e4", "must be at most 10 kg m2"),
     ("damping_ratio: 0.9", "damping: 0.9", "did you mean 'damping_ratio'?"),
     ("period: 0.004\n", "", "planar.control.yaml: period is missing: must be a number (control sampling [s])"),
-    ("period: 0.004", "period: 0", "planar.control.yaml:13: period = 0.0: must be positive"),
+    ("period: 0.004", "period: 0", "planar.control.yaml:13: period = 0.0: must be above 0 and at most 1"),
     ("period: 0.004", "period: fast", "period = 'fast': must be a number"),
     ("period: 0.004", "period: [0.004]", "period = [0.004]: must be a number"),
     (
@@ -134,7 +137,7 @@ def test_a_scenario_tells_file_and_line_of_the_robots_mistake(forcectl, tmp_path
     (tmp_path / "own.yaml").write_text("title: mine\nstation:\n  robot: planar\n")
     code, _, err = forcectl("check", "own.yaml")
     place = "own.yaml:2: station: planar.control.yaml:13"
-    assert (code, err) == (2, f"error: {place}: period = 0.0: must be positive\n")
+    assert (code, err) == (2, f"error: {place}: period = 0.0: must be above 0 and at most 1\n")
 
 
 def test_a_file_that_is_not_a_mapping_is_refused(tmp_path):

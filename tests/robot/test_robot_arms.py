@@ -215,6 +215,13 @@ def test_a_mistake_is_named_in_one_line(tmp_path, old, new, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(("flange", "joint"), [("base", "shoulder"), ("forearm", "wrist")])
+def test_a_flange_is_moved_by_every_joint(tmp_path, flange, joint):
+    folder = write_planar_robot(tmp_path, CONTROL.replace("flange_frame: hand", f"flange_frame: {flange}"))
+    with pytest.raises(BadInputError, match=f"flange_frame = '{flange}': must be moved by every .* also by {joint}"):
+        RobotModel.load(folder)
+
+
 @pytest.mark.parametrize(
     ("robot", "message"),
     [

@@ -46,6 +46,28 @@ WAYS = [
     "controller: !Governed {law: !Vrft {gains_from: ../lab/another.yaml}}",
     "controller: !Import {path: 'own_lab:Law', parameters: {gains_from: ../lab/other.yaml}}",
     "variants: {a: {}, b: {controller: !Vrft {gains_from: ../lab/other.yaml}}}",
+    "%TAG ! tag:yaml.org,2002:python/\n---\ncontroller: !object/apply:os.system ['touch ran']",
+    "%TAG !p! tag:yaml.org,2002:python/\n---\ncontroller: !p!object/apply:os.system ['touch ran']",
+    "controller: !<tag:yaml.org,2002:python/object/apply:os.system> ['touch ran']",
+    "controller: !!python/object/new:os.system ['touch ran']",
+    "controller: !!python/module:evil_lab ''",
+    "controller: !python/object/apply:os.system ['touch ran']",
+    "controller: !Import {path: 'forcectl.cli.app:main'}",
+    "analyses: {a: !Import {path: 'forcectl.runs.run:run', parameters: {scenario: fig_2_7, out: ran}}}",
+    "controller: !Import {path: 'forcectl.framework.imports:import_module', parameters: {name: evil_lab}}",
+    "controller: !Import {path: '\uff4f\uff53:system', parameters: {command: 'touch ran'}}",
+    "controller: !Import {path: ['os:system']}",
+    "controller: !Import {path: 'yaml:unsafe_load', parameters: {stream: '!!python/module:evil_lab'}}",
+    "controller: !Import {path: 'numpy:load', parameters: {file: ran.npy, allow_pickle: true}}",
+    "variants: {a: {controller: '!Import', controller.path: 'evil_lab:Law'}}",
+    "controller: !Import {path: 'own_lab:Law'}\nvariants: {a: {controller.path: 'evil_lab:Law'}}",
+    f"preset: {IMPORT}",
+    f"guard: {IMPORT}",
+    f"log: [{IMPORT}]",
+    f"controller: !Governed {{law: {IMPORT}}}",
+    f"station: {{environment: !Parts {{parts: {{a: {IMPORT}}}}}}}",
+    "reference: !File {path: '| touch ran'}",
+    "expect: [{target: t, metric: \"__import__('evil_lab')\", maximum: 1}]",
 ]
 
 
@@ -75,6 +97,23 @@ def test_code_is_refused_before_anything_is_imported(folder, text):
         assert "\n" not in str(caught.value)
     assert not list(folder.rglob("*ran"))
     assert not {"evil_lab", "own_lab"} & set(sys.modules)
+
+
+def test_a_sweep_trusts_what_is_beside_itself_not_what_is_beside_its_scenario(folder):
+    (folder / "lab" / "own.yaml").write_text(f"controller: {IMPORT}\n")
+    sweep = "scenario: {}\nkeys: {{duration: [0.1, 0.2]}}\n"
+    (folder / "mine" / "all.yaml").write_text(sweep.format("../lab/own.yaml"))
+    (folder / "mine" / "case.yaml").write_text(
+        f"scenario: fig_2_7\nvariant: K_I = 1.5 1/s\ncases: {{a: {{controller: {IMPORT}}}}}\n"
+    )
+    for name in ("all", "case"):
+        with pytest.raises(BadInputError, match=r"'evil_lab:Law': must be of a module beside the scenario") as caught:
+            fc.sweep(folder / "mine" / f"{name}.yaml", out=folder / "out")
+        assert "\n" not in str(caught.value)
+    assert not list(folder.rglob("*ran"))
+    (folder / "lab" / "all.yaml").write_text(sweep.format("own.yaml"))
+    with pytest.raises(BadInputError, match="takes no arguments"):  # it was imported, and called
+        fc.sweep(folder / "lab" / "all.yaml", out=folder / "out")
 
 
 def test_a_module_is_allowed_by_keyword_option_or_settings(folder, monkeypatch, forcectl):

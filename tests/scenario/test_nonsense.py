@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import equal, parse
 from forcectl.scenario.scenario import build, load_scenario
 
 LINE = "{target: t, metric: peak_force_N, maximum: 20, "
@@ -29,6 +30,8 @@ REFUSED = [
     ("station: {sensors: {force: {delay: 99}}}", "force.delay = 99.0: must be not negative, at most 1"),
     ("station: {sensors: {'': !WristForce {}}}", "station.sensors: the name '' must be 1 to 100 printable"),
     ("station: {sensors: {\"a\\nb\": !WristForce {}}}", "station.sensors: the name 'a\\nb' must be 1 to 100 printable"),
+    ("station: {sensors: {force: {damping_ratio: 100}}}", "force.damping_ratio = 100.0: must be from 0.01 to 10"),
+    ("station: {sensors: {force: {faults: [{kind: noise, value: -5}]}}}", "value = -5.0: must be not negative for noi"),
     # times
     ("duration: 2\nreference: !Step {start_time: 3}", "reference.start_time = 3.0: must be below duration = 2 s"),
     ("duration: 2\nreference: !Sequence {times: [2, 3], forces: [1, 2]}", "reference.times.0 = 2.0: must be below"),
@@ -53,6 +56,9 @@ REFUSED = [
     ("guard: {retreat_speed: 50}", "guard.retreat_speed = 50.0: must be from 0.001 to 2"),
     ("guard: {retreats: 1e12}", "guard.retreats = 1000000000000: must be a whole number from 0 to 1000"),
     # forces
+    ("controller: !Governed {upper_force: -1}", "controller.upper_force = -1.0: must be positive"),
+    ("controller: !Approach {speed: 5}", "controller.speed = 5.0: must be above 0 and at most 1"),
+    ("controller: !Approach {touch_speed: 5}", "controller.touch_speed = 5.0: must be above 0 and at most 1"),
     ("reference: {initial_force: 9e4, start_time: 1}", "build", "reference"),
     ("reference: {initial_force: 9e4}", "build", "reference.initial_force = 90000.0: must be at most the sensor's ran"),
     ("controller: {dead_zone: 20}", "build", "controller.dead_zone = 20.0: must be below the largest desired force, 1"),
@@ -124,6 +130,19 @@ def test_a_run_may_be_cut_short_before_what_is_in_it_begins(tmp_path):
     assert load_scenario(file, overrides={"duration": 1.0}).duration == 1.0
     with pytest.raises(BadInputError, match=r"^override: reference\.start_time = 2\.0: must be below duration = 1 s$"):
         load_scenario(file, overrides={"duration": 1.0, "reference.start_time": 2.0})
+
+
+def test_a_long_text_says_the_same_as_a_short_one():
+    """A long one is composed in C, where that is there."""
+    part = "b: &a {k: on, v: 0x12, w: 1_000, x: 2020-01-01, y: 1e3, n: ~}\nc: !Foo {<<: *a, k: [true, .5]}\n"
+    short, long = parse(part, "text"), parse(f"{part}_x: [{'12345, ' * 20_000}]\n", "text")
+    assert len(long.pop("_x")) == 20_000
+    assert equal(short, long)
+    assert (long["c"].tag, long.lines["c"]) == ("Foo", 2)
+    deep = "[" * 60_000 + "]" * 60_000
+    for wrong, said in ((deep, "nested too deeply"), (f"a: 1\na: 2\n{'# x' * 40_000}", "key 'a' is written twice")):
+        with pytest.raises(BadInputError, match=f"^text: not valid YAML: {said}"):
+            parse(wrong, "text")
 
 
 def test_a_long_list_is_refused_before_it_is_read(tmp_path, monkeypatch):

@@ -40,7 +40,7 @@ FAULTS: dict[str, tuple[dict[str, Any], str]] = {
 def last(overrides: dict[str, Any], **options: Any) -> tuple[str, float]:
     """Name of the last mode, and the largest true force between plunger and tube [N]."""
     log = fc.run("peg_in_hole", variant="3 mm, 5 degrees", overrides=overrides | options).log
-    force = np.abs(log["body_contact_wrench"].values[:, 3:]).max()
+    force = np.linalg.norm(log["body_contact_wrench"].values[:, 3:], axis=1).max()
     end = stays(log)[-1]
     assert end.kind == 2
     return end.mode, float(force)

@@ -44,7 +44,7 @@ from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs, input_names
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
-from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, available_solvers, make_solver
+from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver, solver_choices
 
 _OPTIMAL, _NOT_FINITE = float(Status.OPTIMAL), float(Status.NOT_FINITE)
 
@@ -300,7 +300,7 @@ class GovernedConfig(AroundLawConfig, Config):
         -inf, "smallest predicted force; does not bound the reference nor what the model misses", unit="N"
     )
     upper_force: float = key(inf, "largest predicted force", unit="N")
-    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
+    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=solver_choices)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -313,6 +313,8 @@ class GovernedConfig(AroundLawConfig, Config):
         check("inner_bandwidth", inner, "positive")
         names = ("lower_limit", "upper_limit", "lower_force", "upper_force")
         _check_limits({name: np.array([getattr(self, name)]) for name in names})
+        if self.upper_force <= 0:
+            raise invalid("upper_force", self.upper_force, "positive")
 
     @property
     def in_batches(self) -> bool:  # type: ignore[override]

@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 _LARGEST = 1e4  # [N] that a force can be where the range of a sensor is not known
 _MEASURED = 0.9  # of the range, up to which a force is still measured
 _PULL = 0.02  # of the range, below which the reading of a surface that cannot pull is implausible
+_TURNS = 0.03  # [s] from the first touch until sensor, estimate and drive turn a motion round
+_SETTLES = 0.08  # [s] after which, and the sensor's lag, a way of the command is worth its force
+_EXPLAINED = 0.1  # [s] for which a way of the command explains a rate of the force
 _FORGOTTEN = 2.0  # [s] after which energy that went into a surface counts for a third
 _LOSSES = 8  # of contact that are no hopping
 _DEEPER = 0.05  # of the range: what a live sensor shows of the way for it
@@ -37,7 +40,7 @@ class GuardConfig(Config):
         None, "true force, with the sensor's lag; null: 0.9 of the sensor's range", unit="N", bounds="positive"
     )
     reaction_time: float = key(
-        0.08, "by which a force that rises to maximum_force is looked at ahead", unit="s", bounds="from 0 to 1"
+        0.12, "by which a force that rises to maximum_force is looked at ahead", unit="s", bounds="from 0 to 1"
     )
     maximum_speed: float = key(
         25.0, "of the displacement command of a force law, derivative kicks and all", unit="m/s", bounds="positive"
@@ -76,7 +79,8 @@ class GuardConfig(Config):
         compliance = float(np.min(model.total_compliance)) if model.size else math.inf
         force = _MEASURED * model.sensor_range if self.maximum_force is None else self.maximum_force
         own = float(model.total_compliance[index]) if model.size else math.inf
-        settles = self.reaction_time + model.sensor_lag
+        settles = _SETTLES + model.sensor_lag
+        ahead = 0.0 if self.maximum_force is None else self.reaction_time + model.sensor_delay
         return GuardLimits(
             period=period,
             highest=range_ * 1.001,
@@ -87,12 +91,15 @@ class GuardConfig(Config):
             lag=lag,
             square=square,
             share=share,
-            ahead=0.0 if self.maximum_force is None else self.reaction_time + model.sensor_delay,
+            ahead=ahead,
+            turn=min(ahead, _TURNS + model.sensor_delay),
+            settle_own=1.0 - math.exp(-period / (_TURNS + model.sensor_delay)),
+            keep_own=math.exp(-period / _EXPLAINED),
             same=self.frozen_time / period if model.sensor_noise else math.inf,
             deeper=compliance * range_ * _DEEPER,
             compliance=own,
             gap=float(np.broadcast_to(model.gap, model.size)[index]) if model.size else 0.0,
-            settle=1.0 - math.exp(-period / settles) if settles else 1.0,
+            settle=1.0 - math.exp(-period / settles),
             response=self.least_response,
             energy=self.energy + 0.5 * own * force**2,
             keep=math.exp(-period / _FORGOTTEN),

@@ -6,7 +6,10 @@ A reading y is plausible within the range R of the sensor, and when the filter o
 
 The true force is estimated ahead of the sensor's lag by its inverse up to a bandwidth a, and looked at T_r ahead::
 
-    F = (s^2/w^2 + 2 z s/w + 1)/(s/a + 1)^2 y,    F_ahead = F + T_r max(F', 0)
+    F = (s^2/w^2 + 2 z s/w + 1)/(s/a + 1)^2 y,    F_ahead = F + T_r (max(F', 0) - F'_x) + min(F_u, T_r F'_x)
+
+F'_x is what the way x of the command explains of the rate by the model's compliance C_T, and F_u what is still to be
+seen of that way: less than T_r F'_x where the command slows down. Nothing explains a surface that comes closer.
 
 The way x of the command, behind a lag T, is worth a force by the model's compliance C_T, from the surface x_0 on; the
 energy E that goes into the surface is forgotten with the time constant T_E::
@@ -27,9 +30,10 @@ Numbers = list[float]
 # reading, raw reading before, ticks of raw readings that go together, ticks of equal ones, depth of the command where
 # those begin, desired force, ticks without one, two states of the estimate, the estimate, its rate, depth of the
 # command at the last contact, whether it is in contact, losses of it; the depth behind a lag, the depth x_0 from which
-# on it is worth a force, the energy, how far a retreat is to be fast.
+# on it is worth a force, the energy, how far a retreat is to be fast; the depth behind the lag of the estimate,
+# the rate that it explains.
 _NEVER = -1e6  # [m] depth of a contact that there was not, and x_0 of a sensor that has shown that it answers
-NEW_LOOP: Numbers = [*[0.0] * 16, _NEVER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+NEW_LOOP: Numbers = [*[0.0] * 16, _NEVER, *[0.0] * 8]
 LOOP = len(NEW_LOOP)
 FAULT, RELEASED, READING, DESIRED, FAST = 0, 1, 2, 10, 22  # places in it
 APART = 2.0  # in place of RELEASED: the surface is not felt
@@ -47,8 +51,8 @@ _RECOVERY = 0.1  # of a tick held, that a sound tick makes up for
 _SENSED = 0.5  # [N] below which a reading does not show that a sensor answers
 _RELEASED = 0.8  # of the largest force, at which a retreat may end
 _CREEP = 0.1  # of the retreat's speed, at which a surface is looked for after it
-_LEAP = 6.0  # of the force that is coming
-_MOST = 2.5  # of the largest force, that a fast retreat is worth
+_LEAP = 12.0  # of the force that is coming
+_MOST = 8.0  # of the largest force, that a fast retreat is worth
 _NOT_ALL = 0.5  # of the retreat, that is fast: the rest is for seeing what it does
 _FASTER = 50.0  # of the retreat's speed, on the way that the force is worth by the model
 _GAIN = 0.25  # [s] in which the speed doubles at which a command is caught up with
@@ -93,6 +97,9 @@ class GuardLimits(NamedTuple):
         lag, square: 2 z a/w and a^2/w^2 of the estimate [1].
         share: of a tick in the estimate's filters [1]; 1 where the sensor has no lag.
         ahead: T_r [s].
+        turn: of what the command's own way explains [s].
+        settle_own: of a tick in the lag until the estimate shows a way of the command [1].
+        keep_own: of a rate that such a way explains, in a tick [1].
         same: ticks of equal readings of a frozen sensor; infinite for one without noise.
         deeper: way into the surface on which a live sensor shows something else [m].
         compliance: C_T of the model [m/N].
@@ -119,6 +126,9 @@ class GuardLimits(NamedTuple):
     square: float
     share: float
     ahead: float
+    turn: float
+    settle_own: float
+    keep_own: float
     same: float
     deeper: float
     compliance: float
@@ -194,7 +204,7 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
         depth: displacement of the command of the tick before, pressing is negative [m].
     """
     _, _, good, before, missed, raw, raw_before, together, same, anchor, asked, unasked = loop[:12]
-    one, two, estimate, rate, felt, touches, losses, slow, zero, energy, _ = loop[12:]
+    one, two, estimate, rate, felt, touches, losses, slow, zero, energy, _, shown, own = loop[12:]
     if -limits.desired <= desired <= limits.desired:
         asked, unasked = desired, 0.0
     else:
@@ -207,7 +217,7 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
     slow_before, slow = slow, slow + limits.settle * (depth - slow)
     n = missed + 1.0
     if first:
-        slow_before = slow = depth
+        slow_before = slow = shown = depth
         zero = -limits.gap
         fits = plausible
         if fits:
@@ -251,7 +261,13 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
     energy = max(limits.keep * energy - good * (slow - slow_before), 0.0)
     fault, fast = Cause.NONE, 0.0
     aim = min(asked, _RELEASED * limits.force)
-    coming = estimate + limits.ahead * max(rate, 0.0)
+    # Of the command's own way, as far as the model explains the rate by it, what it is worth is still to be seen.
+    before_shown, shown = shown, shown + limits.settle_own * (depth - shown)
+    own = max((before_shown - shown) / (limits.period * limits.compliance), limits.keep_own * own)
+    explained = min(own, max(rate, 0.0))
+    coming = estimate + limits.ahead * (max(rate, 0.0) - explained)
+    unseen = max((shown - depth) / limits.compliance, limits.turn * explained)
+    coming += min(unseen, limits.ahead * explained)
     if coming > limits.force:
         fast = limits.compliance * min(estimate - aim + _LEAP * limits.ahead * max(rate, 0.0), _MOST * limits.force)
         fault = Cause.FORCE
@@ -271,7 +287,7 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
     if estimate < FELT * asked:
         released = APART
     new = [fault, released, good, before, missed, measured, raw, together, same, anchor, asked, unasked]
-    return [*new, one, two, estimate, rate, felt, touches, losses, slow, zero, energy, fast]
+    return [*new, one, two, estimate, rate, felt, touches, losses, slow, zero, energy, fast, shown, own]
 
 
 def decide(

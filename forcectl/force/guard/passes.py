@@ -34,14 +34,14 @@ def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: A
         and np.abs(desired).max() <= limits.desired
         and limits.lowest <= measured.min()
         and measured.max() <= limits.highest
-        and _forces(limits, measured).max() <= sure * limits.force
+        and _forces(limits, measured, command).max() <= sure * limits.force
         and not _frozen(limits, measured, command)
         and not _lost(limits, desired, measured, command)
         and _answers(limits, desired, measured, command)
     )
 
 
-def _forces(limits: GuardLimits, measured: Array) -> Array:
+def _forces(limits: GuardLimits, measured: Array, command: Array) -> Array:
     """The estimated true forces, looked at ahead."""
     share, first = limits.share, measured[0]
     if share < 1.0:
@@ -52,7 +52,22 @@ def _forces(limits: GuardLimits, measured: Array) -> Array:
     else:
         estimate, weight = measured, 0.1
     rates = lfilter([weight], [1.0, weight - 1.0], np.diff(estimate, prepend=first) / limits.period)
-    found: Array = estimate + limits.ahead * np.maximum(rates, 0.0)
+    before, rises = _before(command), np.maximum(rates, 0.0)
+    shown, _ = lfilter(
+        [limits.settle_own], [1.0, limits.settle_own - 1.0], before, zi=[(1 - limits.settle_own) * before[0]]
+    )
+    own = _held(-np.diff(shown, prepend=shown[0]) / (limits.period * limits.compliance), limits.keep_own)
+    explained = np.minimum(own, rises)
+    unseen = np.maximum((shown - before) / limits.compliance, limits.turn * explained)
+    found: Array = estimate + limits.ahead * (rises - explained) + np.minimum(unseen, limits.ahead * explained)
+    return found
+
+
+def _held(values: Array, keep: float) -> Array:
+    """Each value, or what is kept of one before it; not negative."""
+    with np.errstate(divide="ignore"):
+        logs = np.log(np.maximum(values, 0.0)) - np.arange(len(values)) * np.log(keep)
+    found: Array = np.exp(np.maximum.accumulate(logs) + np.arange(len(values)) * np.log(keep))
     return found
 
 

@@ -20,7 +20,7 @@ from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.compliance import robot_compliance
 from forcectl.plant.plant_model import PlantModel
-from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
+from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.tasks.constraints.parts import constraints_of
 
@@ -146,7 +146,7 @@ class InvarianceRobotConfig(Config):
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
     constraints: list[Any] = slot("constraint", list, "beside those of joints and force")
     outputs: list[OutputConfig] = key([], "coordinates, angles and further forces that are regulated beside the force")
-    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
+    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=solver_choices)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the controller; without adaptation its model has `compliance_error` times the true total compliance.

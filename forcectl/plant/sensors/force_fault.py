@@ -37,6 +37,8 @@ class ForceFaultConfig(Config):
         super().__post_init__()
         if self.kind == "jitter" and not 0 <= self.value <= _LONGEST:
             raise invalid("value", self.value, f"from 0 to {_LONGEST:g} s for jitter")
+        if self.kind == "noise" and self.value < 0:
+            raise invalid("value", self.value, "not negative for noise")
 
     def acts(self, time: float) -> bool:
         """Whether it does at the tick of this time [s]."""

@@ -299,7 +299,7 @@ class ForceSensorConfig(Config, in_batches=True):
     """Parameters of a force sensor. Force values; torque channels use the same numbers times `torque_ratio`."""
 
     bandwidth: float = key(12.6, "w of the filter", unit="rad/s", bounds="from 0.1 to 1e+06")
-    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="positive")
+    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="from 0.01 to 10")
     noise_std: float = key(
         0.05, "standard deviation per sample, before the filter", unit="N", bounds="not negative", each=True
     )

@@ -11,6 +11,7 @@ import numpy as np
 from forcectl.errors import BadInputError, unknown
 from forcectl.force.guard.kernel import Cause
 from forcectl.framework.yaml_tree import Tagged
+from forcectl.qp.solvers import UNCONVERGED, solver_choices
 from forcectl.scenario.scenario import Scenario
 
 SOUND = "none"  # name of the run without a fault
@@ -146,6 +147,15 @@ def _infeasible(scenario: Scenario, begin: float) -> Changes | str:
     return "no program with limits"
 
 
+def _unsolved(scenario: Scenario, begin: float) -> Changes | str:
+    controller = scenario.controller
+    if not hasattr(controller, "solver") or getattr(controller, "horizon", 2) < 2:
+        return "no program that a solver solves"
+    if UNCONVERGED not in solver_choices():
+        return f"no solver {UNCONVERGED} here"
+    return {"controller.solver": UNCONVERGED}
+
+
 _READ = (Cause.READING, Cause.FROZEN)
 _FORCE_OFF = ("sensor_off", "sensor_saturated", "force_too_high", "not_settled")
 _CONTACT = ("contact_lost", "contact_bounced", "no_contact")
@@ -252,6 +262,14 @@ FAULTS = (
         _infeasible,
         (),
         (*_HELD, "not_settled", "target_not_reached"),
+        from_start=True,
+    ),
+    DeclaredFault(
+        "solver failing",
+        "the solver of the controller's program gives up after one iteration, from the start",
+        _unsolved,
+        (),
+        ("solver_fallback",),
         from_start=True,
     ),
 )

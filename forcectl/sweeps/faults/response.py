@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from forcectl.force.guard.kernel import Cause
 from forcectl.scenario.scenario import Scenario
 from forcectl.sweeps.faults.declared import SOUND, DeclaredFault
 
-_TRUE = ("contact_force", "arm_contact_force")
+# Of the forces along several normals their norm, of those on several arms the largest.
+_TRUE = {"contact_force": partial(np.linalg.norm, axis=1), "arm_contact_force": partial(np.max, axis=1)}
 _COMMANDS = {"displacement_command": (1e3, "mm"), "joint_position_command": (1e3, "mrad")}
 _MORE = 1.2  # of the largest desired force, above which a force is not safe where no maximum is stated
 
@@ -71,7 +73,7 @@ def response_of(
     time = log["time"].values
     begin = 0.0 if fault is not None and fault.from_start else begin
     after = time >= begin - 1e-9
-    force = next((_rows(log, name).max(axis=1) for name in _TRUE if name in log), None)
+    force = next((truth(_rows(log, name)) for name, truth in _TRUE.items() if name in log), None)
     command, unit = next(((_rows(log, n) * k, u) for n, (k, u) in _COMMANDS.items() if n in log), (None, ""))
     steps = None if command is None else np.abs(np.diff(command, axis=0, prepend=command[:1])).max(axis=1)
     status = _rows(log, "status").max(axis=1) if "status" in log else None

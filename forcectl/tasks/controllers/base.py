@@ -15,7 +15,7 @@ from forcectl.force.invariance.robot import JointLimitConfig
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
-from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
+from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import Constraint
 from forcectl.tasks.constraints.parts import constraints_of
@@ -61,7 +61,7 @@ class TaskControllerConfig(Config):
         0.01, "of the links from each other and from boxes; 0: not kept, without boxes", unit="m", bounds="not negative"
     )
     constraints: list[Any] = slot("constraint", list, meaning="further ones")
-    solver: str = key(DEFAULT_SOLVER, "of the quadratic programs", choices=available_solvers)
+    solver: str = key(DEFAULT_SOLVER, "of the quadratic programs", choices=solver_choices)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -211,6 +211,16 @@ def test_a_sensor_that_shows_too_little_from_the_start_ends_in_a_stop(controller
     assert signal(run, "status")[-1] == STOP + 70
 
 
+def test_the_quick_rise_of_a_law_is_no_alarm():
+    """It comes to 0.9 of the largest force, and its rate to more than that in the reaction time."""
+    station = {"fidelity": "OneDimensional", "environment": {"stiffness": 2e5}}
+    run = outcome(
+        fc.force.VrftConfig(), 0.3, station=station, reference={"force": 9.0}, guard=GuardConfig(maximum_force=18.0)
+    )
+    assert 14.0 < signal(run, "contact_force").max() < 18.0
+    assert not signal(run, "status").any()
+
+
 def test_what_the_way_is_worth_may_be_left_unasked():
     """The surface is ten times softer than the model's, which looks like a sensor that shows a tenth."""
     soft = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e3}}
@@ -222,14 +232,14 @@ def test_what_the_way_is_worth_may_be_left_unasked():
     assert ends == [STOP + 70, 0]
 
 
-@pytest.mark.parametrize(("maximum", "expected"), [(30.0, 1.2), (20.0, 1.3)])
-def test_a_stiff_surface_that_comes_closer_is_left_in_time(maximum, expected):
+@pytest.mark.parametrize("maximum", [30.0, 20.0])
+def test_a_stiff_surface_that_comes_closer_is_left_in_time(maximum):
     """Ten times as stiff as the model's, at 20 mm/s; by the retreat's speed alone it was 1.34 and 1.63 times."""
     moves = [{"start": 0.8, "distance": 0.005, "duration": 0.25}]
     station = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e5, "surface": {"moves": moves}}}
     changes = {"reference": {"force": maximum / 2}, "model": {"environment_compliance": 10.0}}
     run = outcome(INTEGRAL, 1.1, station=station, guard=GuardConfig(maximum_force=maximum), **changes)
-    assert signal(run, "contact_force").max() < expected * maximum
+    assert signal(run, "contact_force").max() < 1.2 * maximum
     assert RETREAT + 50 in signal(run, "status")
 
 

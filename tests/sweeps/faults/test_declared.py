@@ -7,7 +7,9 @@ import pytest
 import forcectl as fc
 from forcectl.analysis.findings.finding import KINDS
 from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import Tagged
 from forcectl.sweeps.faults.declared import FAULTS, SOUND, changes_of, chosen
+from forcectl.sweeps.faults.run_faults import try_faults
 
 
 def fits(scenario, **options):
@@ -32,6 +34,17 @@ def test_a_force_loop_has_faults_of_the_sensor_and_of_the_surface():
     assert {"nan", "lost samples", "stiffness x10", "surface moved"} <= set(found)
     assert not {"robot pushed", "encoder frozen", "infeasible limits"} & set(found)
     assert "robot pushed" in fits({}, fidelity="Multibody")
+
+
+def test_a_solver_that_gives_up_is_named():
+    changes = {"controller": Tagged({}, "InvarianceRobot"), "duration": 0.02}
+    faulty = try_faults(
+        {}, faults="solver failing", fidelity="OneDimensional", overrides=changes, begin=0.0, engine="sequential"
+    )
+    sound, row = faulty.rows
+    assert sound.status == 0
+    assert (row.status, row.named_by, row.finite) == (3, ("solver_fallback",), True)
+    assert not {"solver failing"} & set(fits({}, fidelity="OneDimensional"))
 
 
 def test_two_arms_behind_their_joint_interface_have_faults_of_encoders():
