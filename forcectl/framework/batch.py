@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.block import PythonBlock
 from forcectl.framework.cache import BlockCache
 from forcectl.framework.fields import interval
 
@@ -105,7 +106,7 @@ def check_order(lower: str, upper: str, values: Mapping[str, NDArray[np.float64]
         raise invalid(lower, values[lower].tolist(), f"at most {upper} = {values[upper].tolist()}")
 
 
-class BatchBlock(LeafSystem):
+class BatchBlock(PythonBlock):
     """A LeafSystem of a batch of n loops with named parameters in the Context.
 
     `parameter_names` and `parameter_units` name the numeric parameters for graphs and tools.

@@ -13,9 +13,6 @@ from weakref import ref
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-# Older bindings keep every Python block that was in a diagram anyway, and take long to look an entry up.
-_BLOCKS_STAY = type(LeafSystem).__name__ == "pybind11_type"
-
 
 class BlockCache:
     """A cache entry of `block`, which the block may store.
@@ -43,8 +40,6 @@ class BlockCache:
             prerequisites_of_calc=prerequisites,
         )
         self._index, self._ticket = entry.cache_index(), entry.ticket()
-        if _BLOCKS_STAY:
-            self.Eval = entry.Eval  # type: ignore[method-assign]
 
     def ticket(self) -> Any:
         """The dependency ticket of the value."""

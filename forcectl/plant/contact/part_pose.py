@@ -8,12 +8,13 @@ import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
+from forcectl.framework.block import PythonBlock
 from forcectl.framework.cache import BlockCache
 
 
-class PartPose(LeafSystem):
+class PartPose(PythonBlock):
     """Poses of frames of a plant in the world.
 
     ```
