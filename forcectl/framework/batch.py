@@ -20,8 +20,7 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.framework.block import PythonBlock
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.fields import interval
 
 BatchValue = Any  # a float when the batch has one element, else an array of shape (n,)

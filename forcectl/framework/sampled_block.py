@@ -21,8 +21,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Inpu
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import BatchBlock, batch_values, check
-from forcectl.framework.block import PythonBlock
-from forcectl.framework.cache import BlockCache, values_of_tick
+from forcectl.framework.block import BlockCache, PythonBlock, values_of_tick
 
 Vector = NDArray[np.float64]
 

@@ -17,8 +17,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.block import PythonBlock
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 

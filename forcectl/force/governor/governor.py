@@ -37,8 +37,7 @@ from forcectl.force.governor.program import (
 from forcectl.force.governor.stability import StabilityReport, feedback_weight, stability_report
 from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order, whole_multiple
-from forcectl.framework.block import PythonDiagram
-from forcectl.framework.cache import scratch
+from forcectl.framework.block import PythonDiagram, scratch
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs, input_names

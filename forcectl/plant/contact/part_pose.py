@@ -10,8 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context
 
-from forcectl.framework.block import PythonBlock
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 
 
 class PartPose(PythonBlock):

@@ -24,8 +24,7 @@ from pydrake.systems.framework import Context, DiscreteValues
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
-from forcectl.framework.block import PythonBlock
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.robot.model import RobotModel, has_moved

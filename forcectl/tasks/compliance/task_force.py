@@ -20,8 +20,7 @@ from pydrake.systems.framework import Context
 from forcectl.errors import invalid, unknown
 from forcectl.estimation.momentum_observer import dead_band
 from forcectl.framework.batch import check
-from forcectl.framework.block import PythonBlock
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.kernels import all_finite
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.robot_motion import pose_parts

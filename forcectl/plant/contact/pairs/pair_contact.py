@@ -15,8 +15,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import check
-from forcectl.framework.block import PythonBlock
-from forcectl.framework.cache import values_of_tick
+from forcectl.framework.block import PythonBlock, values_of_tick
 from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.contact.contact_truth import BodyContact
 from forcectl.robot.robot_motion import pose_parts
