@@ -12,6 +12,7 @@ from benchmarks import (
     force_laws,
     governor,
     joint_interface_station,
+    many_builds,
     memory,
     plant_share,
     quadratic_program,
@@ -48,6 +49,7 @@ def run_all() -> None:
         plant_share,
         block_graph,
         memory,
+        many_builds,
     ):
         rows += module.benchmark(max(1, arguments.repeats))
     _measure.report("forcectl benchmarks", rows, arguments.json)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, PassThrough
 
 from forcectl.diagrams.guarded import FORCES, guarded
@@ -15,6 +15,7 @@ from forcectl.errors import BadInputError
 from forcectl.estimation.surface_offset import Sliding
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.wiring import Enclosed, add_part, affine, export_outputs, input_names, output_names, stacked
 from forcectl.plant.plant_model import PlantModel
 
@@ -23,7 +24,7 @@ _WRENCH = "estimated_wrench"
 _NO_SURFACE = " has no surface: must have one for a force law to press on"
 
 
-class ForceController(Diagram):
+class ForceController(PythonDiagram):
     """Force laws behind the ports of a robot: law of all k loops, then kinematic inversion (2.9), (2.12).
 
     ```
@@ -120,7 +121,7 @@ class ForceController(Diagram):
         builder.Connect(every, law.GetInputPort(name))
 
 
-class GuardedController(Diagram):
+class GuardedController(PythonDiagram):
     """A controller of joints behind its guard.
 
     ```

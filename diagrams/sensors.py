@@ -9,6 +9,7 @@ from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.errors import BadInputError, invalid
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_inputs, export_outputs, made_by, output_names
 from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named, frame_called
@@ -45,7 +46,7 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
         return builder.AddNamedSystem("force_sensor", made)
 
 
-class FaultySensor(Diagram):
+class FaultySensor(PythonDiagram):
     """A force sensor whose measured force has faults.
 
     ```
@@ -77,7 +78,7 @@ class FaultySensor(Diagram):
         builder.BuildInto(self)
 
 
-class NormalForce(Diagram):
+class NormalForce(PythonDiagram):
     """Force sensor of a station without dynamics: it feels the contact force along the normal and no weight.
 
     ```
@@ -111,7 +112,7 @@ class NormalForce(Diagram):
         builder.BuildInto(self)
 
 
-class WristForce(Diagram):
+class WristForce(PythonDiagram):
     """Wrist sensor of a multibody station: the wrench at the weld between sensor and tool, tool weight included.
 
     ```

@@ -20,12 +20,13 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from scipy.signal import StateSpace
 
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, invalid
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.joint_friction import JointFriction
@@ -140,7 +141,7 @@ class JointInterfaceConfig(Config):
         return builder.AddNamedSystem("drive", JointInterface(site.workcell, self))
 
 
-class JointInterface(Diagram):
+class JointInterface(PythonDiagram):
     """Servo loops of all joints and, with elastic joints, their rotors.
 
     ```

@@ -11,16 +11,17 @@ The calibrated friction is known along n only, so this is all that is known of i
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer
 
 from forcectl.diagrams.workcell import Workcell
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.wiring import affine, export_outputs
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 
 
-class MotorSide(Diagram):
+class MotorSide(PythonDiagram):
     """Position loop and servo along n.
 
     ```

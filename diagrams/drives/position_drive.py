@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import LinearSystem
 from scipy.signal import StateSpace
 
@@ -25,6 +25,7 @@ from forcectl.diagrams.drives.torque_interface import TorqueInterface
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import invalid
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.drive import Drive
@@ -137,7 +138,7 @@ class JointImpedanceDriveConfig(JointImpedanceConfig, PositionDriveConfig):
         return super().add_to(builder, site)
 
 
-class PositionDrive(Diagram):
+class PositionDrive(PythonDiagram):
     """Command hold, position loops and servos of a robot with dynamics.
 
     ```

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.joint_impedance import GravityCompensation, JointImpedance, JointImpedanceConfig
 from forcectl.plant.drives.motors import MOTOR_PORTS, joint_to_motor, rotor_inertia
@@ -20,7 +21,7 @@ Vector = NDArray[np.float64]
 _MOST_TAKEN = 1.7  # of a motor's speed per tick; it grows from 2 on
 
 
-class TorqueInterface(Diagram):
+class TorqueInterface(PythonDiagram):
     """Joint impedance control, gravity compensation and torque-controlled drives of a workcell's robot.
 
     ```

@@ -17,6 +17,7 @@ from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add_depth, add_surface, connect_material
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, invalid
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config
 from forcectl.framework.wiring import add_part, affine, input_names
 from forcectl.plant.contact.tip_contact import TipContact
@@ -91,7 +92,7 @@ def check_one_sided(workcell: Workcell) -> None:
             raise invalid("environment.one_sided", False, "true unless station.fidelity = OneDimensional")
 
 
-class LightStation(Diagram):
+class LightStation(PythonDiagram):
     """Robot of motor positions only; see `forcectl.diagrams.station` for the slot it fills.
 
     ```

@@ -22,7 +22,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     DiscreteTimeIntegrator,
@@ -40,6 +40,7 @@ from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError
+from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.framework.wiring import Enclosed, add_part, stacked
 from forcectl.motion.loads import add_loads, loaded_frames
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
@@ -69,7 +70,7 @@ class MultibodyFidelity:
         return MultibodyStation(workcell, seed)
 
 
-class MultibodyStation(Diagram):
+class MultibodyStation(PythonDiagram):
     """The station with a full MultibodyPlant; see `forcectl.diagrams.station` for the slot it fills.
 
     ```
@@ -320,7 +321,7 @@ def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> Output
     return load.GetOutputPort("spatial_forces")
 
 
-class MountingForces(LeafSystem):
+class MountingForces(PythonBlock):
     """True contact forces along the normals, which the mountings of the surfaces carry.
 
     ```

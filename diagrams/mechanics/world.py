@@ -20,7 +20,6 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import (
-    AddMultibodyPlantSceneGraph,
     CoulombFriction,
     DiscreteContactApproximation,
     MultibodyPlant,
@@ -48,7 +47,7 @@ from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
 from forcectl.plant.drives.joint_friction import COULOMB_STEEPNESS, add_coulomb_friction
-from forcectl.robot.parts import RobotParts, add_robot
+from forcectl.robot.parts import RobotParts, add_plant, add_robot
 
 Vector = NDArray[np.float64]
 _OBSTACLE = Rgba(0.75, 0.6, 0.42, 1.0)
@@ -71,7 +70,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     solid = bool(workcell.obstacles or workcell.parts) or workcell.self_collision
     scene_graph: SceneGraph | None = None
     if solid or any(contact.surface is not None for contact in workcell.contacts):
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, config.time_step)
+        plant, scene_graph = add_plant(builder, config.time_step)
     else:
         # Without geometry there is nothing to look for.
         plant = builder.AddNamedSystem("plant", MultibodyPlant(config.time_step))

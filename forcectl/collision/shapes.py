@@ -28,13 +28,13 @@ from pydrake.geometry import (
     Cylinder,
     GeometryId,
     Mesh,
+    SceneGraph,
     SceneGraphInspector,
     Shape,
     Sphere,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.multibody.plant import MultibodyPlant
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.robot.joint_tree import JointTree
@@ -152,8 +152,8 @@ class RobotShapes:
             BadInputError: unknown robot or tool, a shape that is missing, or one that is no sphere, capsule, cylinder,
                 box or mesh. A cylinder is taken for the capsule around it, a mesh for the box or capsule around it.
         """
-        builder = DiagramBuilder()
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
+        plant, scene_graph = MultibodyPlant(0.001), SceneGraph()
+        plant.RegisterAsSourceForSceneGraph(scene_graph)
         parts = add_robot(plant, robot, tool)
         plant.Finalize()
         return cls.of_plant(plant, scene_graph.model_inspector(), parts)

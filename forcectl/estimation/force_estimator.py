@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.signal import StateSpace
@@ -18,6 +18,7 @@ from forcectl.errors import unknown
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
 from forcectl.estimation.wrench_filter import WrenchFilter
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.plant_model import PlantModel
@@ -31,7 +32,7 @@ _STOP = 2.0  # nor one that comes to rest so many times faster, at once and to t
 _FROZEN = 0.1  # [rad/s] from which it may where there is no limit of the acceleration
 
 
-class ForceEstimator(Diagram):
+class ForceEstimator(PythonDiagram):
     """External joint torques and the wrench at each TCP.
 
     ```

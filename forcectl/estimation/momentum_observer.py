@@ -27,7 +27,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import BatchParameter, batch_values, check
-from forcectl.framework.cache import scratch
+from forcectl.framework.block import scratch
 from forcectl.framework.kernels import all_finite, largest, smallest
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, mean_features

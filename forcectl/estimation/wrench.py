@@ -24,7 +24,7 @@ from scipy.linalg.lapack import dgesdd, dposv
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import check
-from forcectl.framework.cache import scratch
+from forcectl.framework.block import scratch
 from forcectl.framework.kernels import is_definite
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.robot.momentum_model import MomentumModel

@@ -20,9 +20,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.errors import invalid, unknown
+from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import cross, cross_matrix
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.robot_motion import pose_parts
@@ -64,7 +65,7 @@ def moved_covariance(covariance: Array, rotation: Array, by: Array) -> Array:
     return moved
 
 
-class WrenchBetween(LeafSystem):
+class WrenchBetween(PythonBlock):
     """Wrench of arm a on arm b.
 
     ```

@@ -29,7 +29,7 @@ from scipy.linalg.lapack import dposv
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
-from forcectl.framework.cache import scratch
+from forcectl.framework.block import scratch
 from forcectl.framework.kernels import all_finite, left_free
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.plant.drives.joint_friction import JointFriction, sliding_friction_torque

@@ -16,12 +16,13 @@ from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.estimation.surface_offset import SurfaceOffset
 from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.force.sensor_lag import sensor_model
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 
 
-class AdaptiveForceLaw(Diagram):
+class AdaptiveForceLaw(PythonDiagram):
     """A force law whose compliance comes from the EWRLS estimator.
 
     ```

@@ -27,12 +27,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Context, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer
 from scipy.signal import StateSpace
 
 from forcectl.errors import invalid, unknown
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
@@ -192,7 +193,7 @@ class AdmittanceFilter(SampledBatch):
         }
 
 
-class AdmittanceForceLaw(Diagram):
+class AdmittanceForceLaw(PythonDiagram):
     """Admittance control of n independent forces: generator and filter (Figs. 6.3 and 6.4).
 
     ```

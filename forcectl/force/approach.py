@@ -21,13 +21,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, Gain
 
 from forcectl.errors import about
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.law import AroundLawConfig, require_force_law
 from forcectl.framework.batch import BatchParameter, BatchValue
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs, input_names
@@ -157,7 +158,7 @@ class GuardedMove(SampledBatch):
         return new
 
 
-class ApproachForceLaw(Diagram):
+class ApproachForceLaw(PythonDiagram):
     """A force law behind a guarded move.
 
     ```

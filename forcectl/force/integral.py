@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer
 
 from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.linear_batch import sampled_system
 from forcectl.framework.sampled_block import Memory
@@ -100,7 +101,7 @@ class IntegralForceLaw(ForceLaw):
         return {"displacement_command": m.where(after == after, after, last)}
 
 
-class LinearIntegralForceLaw(Diagram):
+class LinearIntegralForceLaw(PythonDiagram):
     """The law without dead zone and limits, as a linear system that can be analysed and converted with its loop.
 
     ```

@@ -15,12 +15,13 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 from scipy.linalg.lapack import dgesv
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import batch_values, check
+from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
@@ -87,7 +88,7 @@ def check_start_posture(robot: RobotModel, posture: Vector, n: Vector, limit: fl
     return direction
 
 
-class KinematicInversion(LeafSystem):
+class KinematicInversion(PythonBlock):
     """Joint command for a displacement along n, with the Jacobian at the motor positions.
 
     ```
@@ -162,7 +163,7 @@ class KinematicInversion(LeafSystem):
         output.SetFromVector(q)
 
 
-class ConstantKinematicInversion(Diagram):
+class ConstantKinematicInversion(PythonDiagram):
     """The same for small motion about one posture: J is that of the start, so it is a constant matrix.
 
     What the unconstrained reference has along n by this J is taken out: it is the curvature that one dimension leaves

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import BadInputError, about, invalid
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, slot
 from forcectl.framework.wiring import Enclosed, stacked
 from forcectl.plant.plant_model import PlantModel
@@ -37,7 +38,7 @@ class PerArmConfig(Config):
         return builder.AddNamedSystem("force_laws", PerArm(self.laws, model))
 
 
-class PerArm(Diagram):
+class PerArm(PythonDiagram):
     """Force laws side by side.
 
     ```

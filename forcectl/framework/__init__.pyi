@@ -4,7 +4,9 @@ from forcectl.framework.batch import batch_values as batch_values
 from forcectl.framework.batch import check as check
 from forcectl.framework.batch import check_count as check_count
 from forcectl.framework.batch import whole_multiple as whole_multiple
-from forcectl.framework.cache import BlockCache as BlockCache
+from forcectl.framework.block import BlockCache as BlockCache
+from forcectl.framework.block import PythonBlock as PythonBlock
+from forcectl.framework.block import PythonDiagram as PythonDiagram
 from forcectl.framework.euler_angles import EulerAngles as EulerAngles
 from forcectl.framework.expression import Expression as Expression
 from forcectl.framework.fields import Config as Config

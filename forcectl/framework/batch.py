@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.fields import interval
 
 BatchValue = Any  # a float when the batch has one element, else an array of shape (n,)
@@ -105,7 +105,7 @@ def check_order(lower: str, upper: str, values: Mapping[str, NDArray[np.float64]
         raise invalid(lower, values[lower].tolist(), f"at most {upper} = {values[upper].tolist()}")
 
 
-class BatchBlock(LeafSystem):
+class BatchBlock(PythonBlock):
     """A LeafSystem of a batch of n loops with named parameters in the Context.
 
     `parameter_names` and `parameter_units` name the numeric parameters for graphs and tools.

@@ -6,15 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 from pydrake.systems.primitives import LinearSystem
 from scipy.linalg import block_diag
+
+from forcectl.framework.block import PythonBlock
 
 Matrix = NDArray[np.float64]
 WIDE = 32  # batch elements from which on a matrix for each is as fast as one for all; measured
 
 
-class LinearBatch(LeafSystem):
+class LinearBatch(PythonBlock):
     """n sampled linear systems of equal structure behind delay lines, one small matrix for each::
 
         x[k+1] = A x[k] + B u[k-d],    y[k] = C x[k] + D u[k-d]

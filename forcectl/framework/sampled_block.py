@@ -17,11 +17,11 @@ from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, LeafSystem, OutputPort
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, OutputPort
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import BatchBlock, batch_values, check
-from forcectl.framework.cache import BlockCache, values_of_tick
+from forcectl.framework.block import BlockCache, PythonBlock, values_of_tick
 
 Vector = NDArray[np.float64]
 
@@ -52,6 +52,9 @@ else:
 
 class _Ticks(_Shared):
     """What `SampledBlock` and `SampledBatch` share."""
+
+    if not TYPE_CHECKING:
+        __slots__ = ()  # see `PythonBlock`
 
     # Names of inputs that may be left unconnected.
     optional_inputs: Sequence[str] = ()
@@ -262,7 +265,7 @@ class _Ticks(_Shared):
             next_state.set_value(self._start, after[_START])
 
 
-class SampledBlock(_Ticks, LeafSystem):
+class SampledBlock(_Ticks, PythonBlock):
     """Base of sampled blocks: a tick makes a new memory of the one before and the inputs.
 
     A subclass declares its input ports, its memory and the outputs that `show` it, and gives the tick in `step`, where

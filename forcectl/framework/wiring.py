@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, Multiplexer
 
 from forcectl.errors import BadInputError, about
+from forcectl.framework.block import PythonDiagram
 
 Matrix = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ def output_names(system: System) -> list[str]:
     return [system.get_output_port(i, False).get_name() for i in range(system.num_output_ports())]
 
 
-class Enclosed(Diagram):
+class Enclosed(PythonDiagram):
     """What a configuration added to a builder of its own.
 
     ```

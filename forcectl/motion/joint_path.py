@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import Value
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 
@@ -69,7 +69,7 @@ class Sines:
         return share * self.amplitude * sine, self.amplitude * (rate * sine + share * w * cosine)
 
 
-class JointPath(LeafSystem):
+class JointPath(PythonBlock):
     """References of n joints along a path in time.
 
     ```

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, OutputPort
+from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, OutputPort
 
 from forcectl.errors import about, invalid, unknown
 from forcectl.framework.batch import check
+from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key
 from forcectl.robot.model import RobotModel
 
@@ -66,7 +67,7 @@ class LoadConfig(Config):
         return share * np.array(self.wrenches[int(which)], dtype=float)
 
 
-class Loads(LeafSystem):
+class Loads(PythonBlock):
     """The sum of the loads at each of several places.
 
     ```

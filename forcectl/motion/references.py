@@ -11,12 +11,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.polynomial import Polynomial
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import FunctionHandleTrajectory, PiecewisePolynomial, Trajectory
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.series_file import read_series
 
@@ -48,7 +49,7 @@ def stack_scaled(trajectory: PiecewisePolynomial, scale: NDArray[np.float64]) ->
     return PiecewisePolynomial(pieces, trajectory.get_segment_times())
 
 
-class Reference(Diagram):
+class Reference(PythonDiagram):
     """A named signal that follows a trajectory (clamped at both ends), or a constant.
 
     ```

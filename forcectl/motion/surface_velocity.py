@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.framework.fields import key
 from forcectl.motion.references import Reference, held_trajectory
 from forcectl.motion.tangential import LineConfig, line_postures
@@ -25,7 +26,7 @@ _KNOT = 1e-3  # distance of the points of the line that are solved [m]
 _LONGEST = 2.0  # path [m]
 
 
-class LinePosture(LeafSystem):
+class LinePosture(PythonBlock):
     """Joint motion that moves the tool along a line.
 
     ```
@@ -56,7 +57,7 @@ class LinePosture(LeafSystem):
         output.SetFromVector(self._line.value(self._position.Eval(context).item()).ravel())
 
 
-class SurfaceVelocity(Diagram):
+class SurfaceVelocity(PythonDiagram):
     """Motion along a line by speeds over time.
 
     ```

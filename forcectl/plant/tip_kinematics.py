@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.framework.batch import batch_values, check
+from forcectl.framework.block import PythonBlock
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
@@ -29,7 +30,7 @@ def tip_displacements(robot: RobotModel, n: Vector, start: Vector, positions: Ve
     return tips - origin
 
 
-class TipDisplacement(LeafSystem):
+class TipDisplacement(PythonBlock):
     """Motor-side displacement of the tool centre point along n.
 
         dx = dx_s + n'J(q_s) (q - q_s)
@@ -101,7 +102,7 @@ class TipDisplacement(LeafSystem):
         output.SetAtIndex(0, (tangent[:-1] @ self._position.Eval(context)).item() + tangent.item(-1))
 
 
-class LinkPosition(LeafSystem):
+class LinkPosition(PythonBlock):
     """Link positions of an arm whose joint springs carry the contact force.
 
         q = q_m + K^-1 J(q_m)' n F
@@ -141,7 +142,7 @@ class LinkPosition(LeafSystem):
         output.SetFromVector(self._position.Eval(context) + torque / self._stiffness)
 
 
-class ForceToWrench(LeafSystem):
+class ForceToWrench(PythonBlock):
     """The wrench a wrist sensor would show for a force along n at the tool centre point.
 
     ```

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
-from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForc
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.plant.contact.contact_truth import BodyContact, ContactPairs, ContactReader, wrench_between
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.parts import RobotParts
@@ -76,7 +75,7 @@ def _finite_rows(values: Array) -> Array:
     return wrenches
 
 
-class TipLoad(LeafSystem):
+class TipLoad(PythonBlock):
     """Wrenches on a robot as a load on the plant.
 
     ```
@@ -108,11 +107,10 @@ class TipLoad(LeafSystem):
         places = [*tips, *frames]
         self._at = [(frame.body().index(), frame.GetFixedPoseInBodyFrame().translation()) for frame in places]
         self._wrenches = _Wrenches(self, len(tips), len(frames))
-        block: Any = ref(self)  # Drake keeps a block whose method it is given here
         self.DeclareAbstractOutputPort(
             "spatial_forces",
             lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
-            lambda context, output: block()._apply(context, output),
+            self._apply,
             prerequisites_of_calc=self._wrenches.tickets,
         )
 
@@ -128,7 +126,7 @@ class TipLoad(LeafSystem):
         output.set_value(forces)
 
 
-class LoadTruth(LeafSystem):
+class LoadTruth(PythonBlock):
     """What loads and contacts really do to a robot.
 
     ```

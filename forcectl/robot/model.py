@@ -32,7 +32,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from forcectl.errors import invalid, unknown
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache
 from forcectl.robot.parameters import ControlParameters
 from forcectl.robot.parts import RobotParts, Tool, add_robot, frame_named
 

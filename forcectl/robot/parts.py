@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -19,6 +20,7 @@ from pydrake.multibody.tree import (
     PrismaticJoint,
     RevoluteJoint,
 )
+from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.models import robot_and_arm, tool_folder
@@ -81,6 +83,25 @@ class RobotParts:
     def first_arm(self) -> ArmParts:
         """The only arm of most robots."""
         return next(iter(self.arms.values()))
+
+
+def add_plant(builder: DiagramBuilder, time_step: float) -> tuple[MultibodyPlant, SceneGraph]:
+    """An empty plant and the geometry around it, connected.
+
+    As Drake's `AddMultibodyPlantSceneGraph`, after which the bindings of Drake 1.51 keep plant and geometry for good.
+
+    Args:
+        builder: of the diagram.
+        time_step: of the plant [s]; 0: continuous.
+    """
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(time_step))
+    geometry = builder.AddNamedSystem("scene_graph", SceneGraph())
+    source = plant.RegisterAsSourceForSceneGraph(geometry)
+    builder.Connect(plant.get_geometry_pose_output_port(), geometry.get_source_pose_port(source))
+    deformed = plant.get_deformable_body_configuration_output_port()
+    builder.Connect(deformed, geometry.get_source_configuration_port(source))
+    builder.Connect(geometry.get_query_output_port(), plant.get_geometry_query_input_port())
+    return plant, geometry
 
 
 def add_robot(

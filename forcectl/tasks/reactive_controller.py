@@ -22,7 +22,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values, check
-from forcectl.framework.cache import scratch
+from forcectl.framework.block import scratch
 from forcectl.framework.kernels import largest
 from forcectl.framework.sampled_block import Memory, SampledBlock, TickStart
 from forcectl.qp.constrained_program import Outcome, Smooth

@@ -12,8 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort, System
 
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.trajectory import Limits, limits_of
@@ -44,7 +45,7 @@ class MotionLimitsConfig(Config):
         )
 
 
-class ReactiveMotion(Diagram):
+class ReactiveMotion(PythonDiagram):
     """Reactive controller with its generator.
 
     ```

@@ -22,7 +22,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.wrench_between import moved_wrench, opposite_mean
-from forcectl.framework.cache import scratch
+from forcectl.framework.block import scratch
 from forcectl.framework.euler_angles import angles_of
 from forcectl.framework.kernels import cross, cross_matrix
 from forcectl.framework.sampled_block import Memory, SampledBlock

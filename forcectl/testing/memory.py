@@ -25,7 +25,7 @@ class MemoryRecord:
 
     Attributes:
         systems: how many systems one build makes.
-        checked_references: whether it could be checked that each of them is gone.
+        checked_references: whether each of them was seen to be gone.
         growth_kb: growth of the process per build, without what Drake itself loses of as many systems [kB].
         drake_kb: what Drake itself loses of as many systems per build [kB]; 0 where it frees them.
     """
@@ -46,9 +46,9 @@ def assert_memory_released(
 ) -> MemoryRecord:
     """Build, run and drop a system several times: no Python system survives, and the process does not grow.
 
-    Older releases of Drake (1.51, for example) keep every Python block that was ever put into a diagram; there the
-    first check cannot be made (`checked_references` is False). What such a release loses of as many systems with
-    nothing in them is measured, and is not counted in the growth.
+    Older releases of Drake (1.51, for example) keep a diagram for good when one of its Python blocks is not derived
+    from `PythonBlock`; there systems that survive are no error (`checked_references` is False). What such a release
+    loses of as many systems with nothing in them is measured, and is not counted in the growth.
 
     Args:
         build: makes the system.
@@ -79,7 +79,7 @@ def assert_memory_released(
     if growth > allowed_kb:
         beyond = f", beyond the {lost:.0f} kB that Drake loses of {kept} systems" if lost else ""
         raise AssertionError(f"the process grows by {growth:.0f} kB per build, allowed are {allowed_kb:g} kB{beyond}")
-    return MemoryRecord(len(references), collected, growth, lost)
+    return MemoryRecord(len(references), not kept, growth, lost)
 
 
 def _growth_kb(

@@ -286,7 +286,7 @@ def test_the_loop_gives_its_memory_back_and_repeats_itself():
         "noise": np.array([0.05, 0.05]),
         "seeds": [1, 2],
     }
-    assert_memory_released(lambda: loop(2, values), duration=0.02, builds=5)
+    assert assert_memory_released(lambda: loop(2, values), duration=0.02, builds=5, allowed_kb=500).checked_references
     assert_same_after_reset_and_clone(loop(2, values), duration=0.2, period=PERIOD)
 
 

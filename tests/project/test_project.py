@@ -123,6 +123,12 @@ def test_every_class_of_the_library_has_a_name_of_its_own():
     assert [name for name, n in names.items() if n > 1] == []
 
 
+def test_blocks_and_diagrams_derive_from_the_bases_that_are_freed():
+    bases = matches(r"^class \w+\((.*, )?(LeafSystem|Diagram)\)")
+    library = [line.split(":")[0] for line in bases if line.startswith(("forcectl/", "diagrams/"))]
+    assert library == ["forcectl/testing/memory.py"], "PythonBlock or PythonDiagram; memory.py measures Drake's own"
+
+
 def test_imports_are_explicit():
     bad = []
     for path, tree in parsed(sources(*TOP_LEVEL)):

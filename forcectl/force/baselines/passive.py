@@ -29,12 +29,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from forcectl.errors import about
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.law import AroundLawConfig, low_pass, require_force_law
 from forcectl.framework.batch import BatchParameter, BatchValue
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs, input_names
@@ -103,7 +104,7 @@ class PassivityController(SampledBatch):
         return self.choose(good, new, memory)
 
 
-class PassiveForceLaw(Diagram):
+class PassiveForceLaw(PythonDiagram):
     """A force law behind whose command stand passivity observer and controller.
 
     ```

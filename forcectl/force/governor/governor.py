@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.solvers import MathematicalProgram
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.governor.program import (
@@ -38,7 +38,7 @@ from forcectl.force.governor.stability import StabilityReport, feedback_weight, 
 from forcectl.force.law import AroundLawConfig
 from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order, whole_multiple
-from forcectl.framework.cache import scratch
+from forcectl.framework.block import PythonDiagram, scratch
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs, input_names
@@ -228,7 +228,7 @@ def _by_element(values: Sequence[BatchValue]) -> list[list[float]]:
     return rows
 
 
-class GovernedForceLaw(Diagram):
+class GovernedForceLaw(PythonDiagram):
     """A force law behind a command governor (Fig. 4.12).
 
     ```

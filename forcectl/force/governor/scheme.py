@@ -22,15 +22,16 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, LinearSystem, MatrixGain
 
 from forcectl.force.governor.program import check_pole, check_ticks
 from forcectl.force.governor.stability import feedback_weight
 from forcectl.framework.batch import check
+from forcectl.framework.block import PythonDiagram
 
 
-class EquivalentScheme(Diagram):
+class EquivalentScheme(PythonDiagram):
     """The governed loop as its four transfer functions, for one force (Fig. 4.13).
 
     ```

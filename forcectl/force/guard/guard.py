@@ -8,7 +8,7 @@ from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.force.guard.kernel import (
     BLOCK,
@@ -27,12 +27,13 @@ from forcectl.force.guard.kernel import (
     read,
 )
 from forcectl.framework.batch import check
+from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import all_finite
 
 Array = NDArray[np.float64]
 
 
-class ControllerGuard(LeafSystem):
+class ControllerGuard(PythonBlock):
     """Guards k force loops: forces that a controller reads, and the command of m numbers that it gives.
 
     ```
@@ -96,7 +97,7 @@ class ControllerGuard(LeafSystem):
             self._forces = self.DeclareVectorOutputPort(
                 "forces",
                 (2 + LOOP) * loops,
-                lambda context, output: block().put_forces(context, output),
+                self.put_forces,
                 prerequisites_of_calc=reads,
             )
         self._command = self.DeclareVectorInputPort("command", self._m)

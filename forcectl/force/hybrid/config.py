@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RollPitchYaw
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
 from forcectl.errors import BadInputError, about, invalid, unknown
@@ -26,6 +26,7 @@ from forcectl.force.hybrid.motion import HybridMotion
 from forcectl.force.hybrid.surface_normal import SurfaceNormal
 from forcectl.force.hybrid.task_axes import DIRECTIONS, TaskAxes, TaskWrench
 from forcectl.force.integral import IntegralConfig
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import Enclosed, add_part, input_names, stacked
 from forcectl.plant.compliance import compliance_along, robot_compliance
@@ -135,7 +136,7 @@ def direction_model(model: PlantModel, axes: TaskAxes, name: str, compliance: fl
     )
 
 
-class Hybrid(Diagram):
+class Hybrid(PythonDiagram):
     """Force laws in selected directions of a task frame, motion in the others.
 
     ```

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
+from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import cross
 from forcectl.robot.model import RobotModel, posture_cache
 
@@ -64,7 +65,7 @@ def shortest_turn(start: Array, end: Array) -> Array:
     return turn
 
 
-class TaskWrench(LeafSystem):
+class TaskWrench(PythonBlock):
     """Wrench of the wrist sensor in the task frame.
 
     ```

@@ -35,7 +35,7 @@ from forcectl.force.invariance.regulated_output import (
 from forcectl.force.invariance.tracking import Tracking
 from forcectl.force.sensor_lag import SensorLag
 from forcectl.framework.batch import check
-from forcectl.framework.cache import scratch
+from forcectl.framework.block import scratch
 from forcectl.framework.kernels import all_finite
 from forcectl.framework.sampled_block import Memory, SampledBlock, TickStart
 from forcectl.plant.plant_model import PlantModel

@@ -17,13 +17,14 @@ from math import inf
 from typing import Any
 
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 
 from forcectl.errors import about
 from forcectl.force.adaptive_force_law import AdaptivePlanConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
 from forcectl.framework.batch import BatchValue
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key, slot
 from forcectl.framework.sampled_block import Memory
 from forcectl.framework.wiring import Enclosed
@@ -65,7 +66,7 @@ class InvarianceCorrection(InvarianceForceLaw):
         return m.minimum(wanted, largest), {"nominal": nominal}
 
 
-class InvarianceControl(Diagram):
+class InvarianceControl(PythonDiagram):
     """A nominal force law and its correction.
 
     ```

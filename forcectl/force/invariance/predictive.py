@@ -28,12 +28,13 @@ from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Context, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from forcectl.force.invariance.force_law import InvarianceConfig
 from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.batch import BatchParameter, BatchValue, check_order
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs
@@ -169,7 +170,7 @@ class PredictiveCorrection(SampledBatch):
         }
 
 
-class PredictiveForceLaw(Diagram):
+class PredictiveForceLaw(PythonDiagram):
     """A force law with its command corrected for surface and drive, and the known filters of the loop.
 
     ```

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
@@ -16,6 +16,7 @@ from forcectl.force.adaptive_force_law import Adaptation
 from forcectl.force.invariance.controller import METRICS, InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag, sensor_model
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.compliance import robot_compliance
@@ -27,7 +28,7 @@ from forcectl.tasks.constraints.parts import constraints_of
 Array = NDArray[np.float64]
 
 
-class AdaptiveInvarianceController(Diagram):
+class AdaptiveInvarianceController(PythonDiagram):
     """Invariance controller of a robot with the compliance that EWRLS estimates on line: adaptive constraint (3.56).
 
     ```

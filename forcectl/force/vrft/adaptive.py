@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import LinearForceLaw, VrftConfig
 from forcectl.force.vrft.motor_side import MotorSideRecord
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
@@ -48,7 +49,7 @@ def add_tuned_law(
         export_all_outputs(builder, block)
 
 
-class AdaptiveVrft(Diagram):
+class AdaptiveVrft(PythonDiagram):
     """A force law with the gains that recursive VRFT finds meanwhile.
 
     ```

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder
 
 from forcectl.errors import about, invalid
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
@@ -21,6 +21,7 @@ from forcectl.force.linear_law import REGULATE, LinearForceLaw
 from forcectl.force.vrft.adaptive import add_tuned_law
 from forcectl.force.vrft.motor_side import MotorSideRecord
 from forcectl.framework.batch import BatchParameter, BatchValue, check
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import add_part
@@ -93,7 +94,7 @@ class ExperimentSequencer(SampledBatch):
         return dict(zip(_MEMORY, (mode, excitation, since, kp_then, ki_then), strict=True))
 
 
-class VrftExperiment(Diagram):
+class VrftExperiment(PythonDiagram):
     """A force law that tunes itself in an open-loop experiment before it regulates.
 
     ```

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain
 
 from forcectl.framework.batch import batch_values
+from forcectl.framework.block import PythonDiagram
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.tuning.motor_positions import DriveFilter
 
 
-class MotorSideRecord(Diagram):
+class MotorSideRecord(PythonDiagram):
     """Input and output of n experiments without what friction did: x_m + C_R_hat (h y) and h y.
 
     ```

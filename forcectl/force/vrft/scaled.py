@@ -12,18 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.force.linear_law import GAINS, LinearForceLaw, VrftConfig
 from forcectl.force.sensor_lag import sensor_model
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key
 from forcectl.framework.wiring import affine, export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 
 
-class ScaledVrft(Diagram):
+class ScaledVrft(PythonDiagram):
     """A force law with gains in proportion to the compliance that is estimated meanwhile.
 
     ```

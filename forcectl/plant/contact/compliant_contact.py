@@ -25,12 +25,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Adder, Gain
 from scipy.signal import StateSpace
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.plant.contact.surface import SurfaceConfig
 
@@ -224,7 +225,7 @@ class CompliantContact(BatchBlock):
         next_state.set_value(self._z, self.stack(self._solve(context)[1]))
 
 
-class LinearContact(Diagram):
+class LinearContact(PythonDiagram):
     """The two-sided contact of the thesis' analysis, never lost: F = -dx/C_T (2.8), or F = -(K_E dx + D_E dx') (6.1).
 
     ```

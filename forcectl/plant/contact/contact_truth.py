@@ -18,6 +18,7 @@ from pydrake.multibody.tree import BodyIndex, Frame, FrameIndex, ModelInstanceIn
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.errors import BadInputError, unknown
+from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import cross
 
 Array = NDArray[np.float64]
@@ -48,7 +49,7 @@ class ContactReader:
     def __init__(self, plant: MultibodyPlant):
         bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
         self._body_of = {
-            geometry: int(body.index())
+            geometry.get_value(): int(body.index())  # the identifier itself would keep the plant
             for body in bodies
             if plant.geometry_source_is_registered()
             for geometry in plant.GetCollisionGeometriesForBody(body)
@@ -63,7 +64,8 @@ class ContactReader:
         for i in range(results.num_hydroelastic_contacts()):
             touch = results.hydroelastic_contact_info(i)
             surface, wrench = touch.contact_surface(), -touch.F_Ac_W().get_coeffs()
-            yield BodyContact(self._body_of[surface.id_M()], self._body_of[surface.id_N()], surface.centroid(), wrench)
+            first, second = (self._body_of[each.get_value()] for each in (surface.id_M(), surface.id_N()))
+            yield BodyContact(first, second, surface.centroid(), wrench)
 
 
 class ContactPairs:
@@ -149,7 +151,7 @@ def _place(name: str, known: list[tuple[str, str]], key: str) -> int:
     return found[0]
 
 
-class ContactWrench(LeafSystem):
+class ContactWrench(PythonBlock):
     """Wrench that some bodies of a plant exert on others where they touch, in the axes of a frame.
 
     ```

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from forcectl.framework.batch import check
+from forcectl.framework.block import PythonBlock
 from forcectl.plant.contact.part import GraspConfig
 
 Array = NDArray[np.float64]
@@ -52,7 +53,7 @@ def desired_state(rest: Array, held: bool) -> Array:
     return desired
 
 
-class GripperOpening(LeafSystem):
+class GripperOpening(PythonBlock):
     """Grippers that open and close around parts.
 
     ```

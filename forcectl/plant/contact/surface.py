@@ -19,9 +19,10 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.errors import BadInputError, invalid, one_line
+from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.series_file import read_series
 from forcectl.plant.contact.surface_materials import MaterialsConfig
@@ -118,7 +119,7 @@ class SurfaceProfile:
         return height
 
 
-class SurfaceHeight(LeafSystem):
+class SurfaceHeight(PythonBlock):
     """Height of the surface at the place of the tool.
 
     ```

@@ -16,10 +16,11 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check
+from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key
 
 Array = NDArray[np.float64]
@@ -142,7 +143,7 @@ class MaterialsConfig(Config):
         return any(segment.damping for segment in self.segments)
 
 
-class SurfaceMaterial(LeafSystem):
+class SurfaceMaterial(PythonBlock):
     """Stiffness and damping of the surface at the place of the tool.
 
     ```

@@ -13,12 +13,13 @@ Drake's force is spring and damper of the place at the end of the step, and that
 
 from __future__ import annotations
 
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.framework.batch import check
+from forcectl.framework.block import PythonBlock
 
 
-class SurfaceSpring(LeafSystem):
+class SurfaceSpring(PythonBlock):
     """Desired state of the carrier of a surface of several materials.
 
     ```

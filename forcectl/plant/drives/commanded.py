@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from forcectl.framework.batch import batch_values, check, check_count
+from forcectl.framework.block import PythonBlock
 
 
-class CommandedMotion(LeafSystem):
+class CommandedMotion(PythonBlock):
     """Motors that are, one tick later, where and as fast as they were commanded.
 
     ```

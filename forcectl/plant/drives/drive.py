@@ -19,10 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
 from forcectl.framework.batch import batch_values, check, check_count
+from forcectl.framework.block import PythonDiagram
 from forcectl.plant.drives.motors import Motors
 from forcectl.plant.drives.servo import ServoCoefficients, ServoGains, step_coefficients
 
@@ -73,7 +74,7 @@ def _unrolled(step: _InnerStep, dt: float, count: int) -> tuple[list[Matrix], Ma
     return frees, x
 
 
-class Drive(Diagram):
+class Drive(PythonDiagram):
     """Servo loops, motor inertia and sticking friction of n axes.
 
     ```

@@ -26,11 +26,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex, PdControllerGains
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AffineSystem, MatrixGain, Saturation
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values
+from forcectl.framework.block import PythonDiagram
 from forcectl.robot.parameters import ControlParameters
 
 Array = NDArray[np.float64]
@@ -214,7 +215,7 @@ def _rows(plant: MultibodyPlant, instance: ModelInstanceIndex, actuators: Sequen
     return rows
 
 
-class FrictionRest(Diagram):
+class FrictionRest(PythonDiagram):
     """What `add_coulomb_friction` leaves of (5.2): offset and the difference of the viscous parts, of C++ blocks.
 
     ```

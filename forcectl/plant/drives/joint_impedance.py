@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.robot.model import RobotModel, has_moved
@@ -99,7 +99,7 @@ class JointImpedance(SampledBatch):
         return {"torque_command": torque, "reference": goal}
 
 
-class GravityCompensation(LeafSystem):
+class GravityCompensation(PythonBlock):
     """Torque that carries the weight of a robot with elastic joints, from the positions of its motors.
 
     g(q) of the links, q = q_m - K^-1 g: what the springs K are known to give under the weight, one renewal ago.

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import (
     Demultiplexer,
     LinearSystem,
@@ -31,10 +31,11 @@ from pydrake.systems.primitives import (
 )
 
 from forcectl.framework.batch import batch_values, check, check_count, whole_multiple
+from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.plant.drives.servo import ServoGains
 
 
-class ReferenceHold(LeafSystem):
+class ReferenceHold(PythonBlock):
     """References of n joints, taken at ticks, that go on between them.
 
         r + v_r (t - t_k) = o_k + I(t),   I = dt sum v_r,   o_k = r - I_k + dt (v_r - v_r,k-1)
@@ -91,7 +92,7 @@ class ReferenceHold(LeafSystem):
         next_state.set_value(0, taken)
 
 
-class JointServo(Diagram):
+class JointServo(PythonDiagram):
     """Position servos of n joints.
 
     ```

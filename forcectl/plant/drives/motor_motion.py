@@ -16,15 +16,16 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AffineSystem, LinearSystem, MatrixGain, Multiplexer, Saturation
 
 from forcectl.framework.batch import batch_values, check
+from forcectl.framework.block import PythonDiagram
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.drives.motors import export_motion
 
 
-class MotorMotion(Diagram):
+class MotorMotion(PythonDiagram):
     """Positions and speeds of n motors, joint side, of C++ blocks.
 
     ```

@@ -13,13 +13,14 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import LinearSystem
 from scipy.linalg import expm
 from scipy.signal import StateSpace
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values, check, whole_multiple
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.linear_batch import interleave, sampled_system
 
@@ -57,7 +58,7 @@ def _held(bandwidth: float, damping_ratio: float, period: float) -> tuple[Matrix
     return zero_order_hold(*second_order(bandwidth, damping_ratio), period)
 
 
-class PositionLoop(Diagram):
+class PositionLoop(PythonDiagram):
     """The inner position loop: command delay, then the joint-reference filter.
 
     ```

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Demultiplexer
 from scipy.signal import StateSpace
 
@@ -38,6 +38,7 @@ from forcectl.framework.batch import (
     check,
     check_count,
 )
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 
 Vector = NDArray[np.float64]
@@ -188,7 +189,7 @@ class ServoCore(BatchBlock):
         next_state.set_value(self.stack(*servo_steps(x, v, i, r, rate, 0.0, gains, self._substeps, self.math)))
 
 
-class Servo(Diagram):
+class Servo(PythonDiagram):
     """`ServoCore` with its state taken apart.
 
     ```

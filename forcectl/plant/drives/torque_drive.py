@@ -23,16 +23,17 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, MatrixGain, Multiplexer, Saturation
 
 from forcectl.framework.batch import batch_values, check
+from forcectl.framework.block import PythonDiagram
 from forcectl.plant.drives.motors import Motors
 
 Matrix = NDArray[np.float64]
 
 
-class TorqueDrive(Diagram):
+class TorqueDrive(PythonDiagram):
     """Torque loop, motor inertia and sticking friction of n axes.
 
     ```

@@ -18,11 +18,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import LinearSystem
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check, whole_multiple
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.linear_batch import LinearBatch, sampled_system
 from forcectl.plant.drives.position_loop import (
@@ -232,7 +233,7 @@ def sensor_filter(
     return sampled_system(a, b, c, d, period, delay_ticks)
 
 
-class ForceSensor(Diagram):
+class ForceSensor(PythonDiagram):
     """A force sensor of n channels: `ForceDigitiser`, then `sensor_filter`.
 
     The digitiser, and taring with it, is left out when there is neither bias, drift, noise, quantum nor range.

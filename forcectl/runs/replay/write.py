@@ -29,7 +29,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint
 from pydrake.systems.framework import Context, DiagramBuilder
 
@@ -39,7 +39,7 @@ from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.models import add_packages
 from forcectl.plant.contact.part import PartConfig
 from forcectl.plant.contact.surface import SurfaceProfile
-from forcectl.robot.parts import add_robot
+from forcectl.robot.parts import add_plant, add_robot
 from forcectl.runs.replay.forces import BESIDE, Arrow, ShownForce, forces_of
 from forcectl.runs.replay.page import with_panel
 from forcectl.tasks.coordinates import ArmTask
@@ -72,7 +72,7 @@ def write_replay(
 
 def _drawn(log: xr.Dataset, workcell: Workcell, title: str, tasks: Mapping[str, ArmTask]) -> str:
     builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    plant, scene_graph = add_plant(builder, 0.0)
     parts = add_robot(plant, workcell.config.robot, workcell.config.tool)
     plates = [_Plate(plant, contact, i) for i, contact in enumerate(workcell.contacts)]
     placed = [_MovedPart(plant, name, part) for name, part in workcell.parts.items()]

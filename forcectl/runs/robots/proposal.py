@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable, Joint, ModelInstanceIndex, PrismaticJoint, RevoluteJoint
-from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import RobotShapes
@@ -159,8 +159,8 @@ class Explorer:
     """
 
     def __init__(self, folder: Any, parameters: ControlParameters):
-        self._builder = DiagramBuilder()  # which the plant belongs to
-        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(self._builder, 0.0)
+        self.plant, self.scene_graph = MultibodyPlant(0.0), SceneGraph()
+        self.plant.RegisterAsSourceForSceneGraph(self.scene_graph)
         self.parts = add_robot_with(self.plant, folder, parameters, None)
         self.plant.Finalize()
         self._context = self.plant.CreateDefaultContext()

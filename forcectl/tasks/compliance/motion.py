@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.tasks.compliance.references import CompliantReferences, ModeReferences
 from forcectl.tasks.compliance.task_force import TaskForce
@@ -20,7 +21,7 @@ from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import wire_motion
 
 
-class CompliantMotion(Diagram):
+class CompliantMotion(PythonDiagram):
     """Reactive controller with references that follow, comply or both by its modes.
 
     ```

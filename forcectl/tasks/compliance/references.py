@@ -36,7 +36,7 @@ from pydrake.systems.framework import Context
 from forcectl.errors import invalid
 from forcectl.force.admittance import admittance_step
 from forcectl.framework.batch import check_count
-from forcectl.framework.cache import scratch
+from forcectl.framework.block import scratch
 from forcectl.framework.kernels import largest, smallest
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.motion.trajectory import Limits, Motion, Planner, Target, TrajectoryState, begin

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid, unknown
 from forcectl.estimation.momentum_observer import dead_band
 from forcectl.framework.batch import check
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.kernels import all_finite
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.robot_motion import pose_parts
@@ -29,7 +29,7 @@ from forcectl.tasks.coordinates import ArmTask
 Array = NDArray[np.float64]
 
 
-class TaskForce(LeafSystem):
+class TaskForce(PythonBlock):
     """Force of the environment on the follower along its task coordinates, of the estimated wrenches of all arms.
 
     ```

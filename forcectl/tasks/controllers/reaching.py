@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import TrajectorySource
 
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.framework.wiring import export_all_outputs
@@ -133,7 +134,7 @@ def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:
     return TrajectorySource(held_trajectory(list(values), np.array(list(values.values())).T))
 
 
-class ReactiveReaching(Diagram):
+class ReactiveReaching(PythonDiagram):
     """Reactive motion with its targets over time.
 
     ```

@@ -20,11 +20,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import MatrixGain, Multiplexer, ZeroOrderHold
 
 from forcectl.conventions import WRENCH_PARTS
 from forcectl.errors import BadInputError
+from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key
 from forcectl.framework.wiring import export_all_outputs, input_names
 from forcectl.plant.plant_model import PlantModel
@@ -143,7 +144,7 @@ def _signals(tasks: Mapping[str, ArmTask], arms: Sequence[str]) -> dict[str, lis
     return found | {name: list(arms) for name in _OF_ARMS}
 
 
-class TaskMachine(Diagram):
+class TaskMachine(PythonDiagram):
     """A state machine with the motion whose modes it says.
 
     ```

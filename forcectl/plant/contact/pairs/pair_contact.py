@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from typing import Any, ClassVar, NamedTuple, Protocol
-from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +11,11 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import check
-from forcectl.framework.cache import values_of_tick
+from forcectl.framework.block import PythonBlock, values_of_tick
 from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.contact.contact_truth import BodyContact
 from forcectl.robot.robot_motion import pose_parts
@@ -86,7 +85,7 @@ class _Contact(NamedTuple):
     remembered: Array
 
 
-class PairContact(LeafSystem):
+class PairContact(PythonBlock):
     """Contact between two frames of a plant, each fixed to a body: `tip` of the one, `mouth` of the other.
 
     A subclass gives the wrench on the body with the tip, and what it remembers of it for the next step.
@@ -111,20 +110,19 @@ class PairContact(LeafSystem):
         self._released = self.DeclareVectorInputPort("released", 2)
         self.memory = self.DeclareDiscreteState(memory)
         inputs = {self._poses.ticket(), self._velocities.ticket(), self._released.ticket()}
-        block: Any = ref(self)  # Drake keeps a block whose method it is given here
         self._contact = values_of_tick(self, inputs | {self.discrete_state_ticket(self.memory)})
         made = {self._contact.ticket()}
         self.DeclareAbstractOutputPort(
             "spatial_forces",
             lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
-            lambda context, output: block()._apply(context, output),
+            self._apply,
             prerequisites_of_calc=made,
         )
         self.DeclareVectorOutputPort("body_contact_wrench", 6, self._show, prerequisites_of_calc=made)
         self.DeclareAbstractOutputPort(
             "contact_pair",
             lambda: AbstractValue.Make(()),
-            lambda context, output: block()._pair(context, output),
+            self._pair,
             prerequisites_of_calc=made,
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._step, offset_sec=0.0, update=self._remember)
