@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 
 from forcectl.graph.layout.rows import Columns, Crossing, Item
@@ -31,6 +31,12 @@ def _most_straight(columns: Columns, wires: list[Crossing]) -> tuple[list[Crossi
         heights = _Heights(columns)
         return [hop for hop in order if heights.straighten(hop)], heights
 
+    # A wire that goes straight on saves two bends; where its signal parts, only one.
+    parts = Counter((hop.net, hop.channel) for hop in wires)
+
+    def saved(straight: list[Crossing]) -> int:
+        return sum(2 if parts[hop.net, hop.channel] == 1 else 1 for hop in straight)
+
     best, heights = tried(wires)
     trials = _WORK // max(len(wires), 1)
     waiting = [hop for hop in wires if hop not in set(best)]
@@ -40,7 +46,7 @@ def _most_straight(columns: Columns, wires: list[Crossing]) -> tuple[list[Crossi
         if first in chosen:
             continue
         found, other = tried([first, *best, *(hop for hop in wires if hop is not first and hop not in chosen)])
-        if len(found) > len(best):
+        if saved(found) > saved(best):
             best, heights = found, other
             waiting = [hop for hop in wires if hop not in set(best)]
     return best, heights
