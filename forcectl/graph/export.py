@@ -5,8 +5,8 @@
     picture.save("loop.pdf")              # dot, html, mermaid, pdf, png, svg
 
 The picture reads from left to right: the forward path in one row, the wires that close loops mostly below. Nested
-diagrams are boxes that can be unfolded, ports have names, wires carry size and unit, sampled blocks their sample time. A
-state machine (`MachineChart`) is drawn likewise: modes are boxes, guards stand at the arrows.
+diagrams are boxes that can be unfolded, ports have names, wires carry size and unit, sampled blocks their sample time.
+A state machine (`MachineChart`) is drawn likewise: modes are boxes, guards stand at the arrows.
 """
 
 from __future__ import annotations

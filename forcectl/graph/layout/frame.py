@@ -1,8 +1,8 @@
 """The picture of an open diagram from the pictures of its blocks: in one row of columns, or in several when it is wide.
 
 Rows stand below one another. A wire to the next row leaves at the right, runs between the rows and enters at the left;
-one that leads back to an earlier row runs below all of them and in at the left, or up and in at the right end, whichever
-saves bends and crossings.
+one that leads back to an earlier row runs below all of them and in at the left, or up and in at the right end,
+whichever saves bends and crossings.
 """
 
 from __future__ import annotations
