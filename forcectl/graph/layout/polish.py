@@ -15,6 +15,7 @@ from forcectl.graph.layout.rows import Crossing, Item
 from forcectl.graph.layout.sweeps import Sorter, crossings_of, number_rows
 
 _TRIES = 60  # exchanges whose bends are counted, at most
+_LARGEST = 400  # hops of wires from column to column where it is tried
 _MORE = 2  # crossings that an exchange may add
 
 _Pairs = list[tuple[Item, Item]]  # neighbours, the upper one first
@@ -29,6 +30,8 @@ def polish(sorter: Sorter, hops: Iterable[Crossing], bends: Callable[[], int]) -
         bends: sets heights, and counts the corners of all wires.
     """
     ordered = sorted(hops, key=lambda hop: hop.channel)
+    if len(ordered) > _LARGEST:
+        return
     least = bends()
     for chain in _chains(ordered):
         least = _lead(sorter, *chain, least, bends)
