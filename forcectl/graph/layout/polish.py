@@ -15,7 +15,7 @@ from forcectl.graph.layout.rows import Crossing, Item
 from forcectl.graph.layout.sweeps import Sorter, crossings_of, number_rows
 
 _TRIES = 60  # exchanges whose bends are counted, at most
-_LARGEST = 400  # hops of wires from column to column where it is tried
+_LARGEST = 200  # hops of wires from column to column where it is tried
 _MORE = 2  # crossings that an exchange may add
 
 _Pairs = list[tuple[Item, Item]]  # neighbours, the upper one first
