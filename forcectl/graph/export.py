@@ -4,9 +4,9 @@
     picture = graph(diagram, depth=2)     # shows itself in a notebook
     picture.save("loop.pdf")              # dot, html, mermaid, pdf, png, svg
 
-The picture reads from left to right: the forward path in one row, the wires that close loops below. Nested diagrams are
-boxes that can be unfolded, ports have names, wires carry size and unit, sampled blocks their sample time. A state
-machine (`MachineChart`) is drawn likewise: modes are boxes, guards stand at the arrows.
+The picture reads from left to right: the forward path in one row, the wires that close loops mostly below. Nested
+diagrams are boxes that can be unfolded, ports have names, wires carry size and unit, sampled blocks their sample time.
+A state machine (`MachineChart`) is drawn likewise: modes are boxes, guards stand at the arrows.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pictures laid out by elkjs, and how many wires cross and bend in a picture, whoever laid it out."""
+"""Pictures laid out by elkjs."""
 
 from __future__ import annotations
 
@@ -13,16 +13,13 @@ from typing import Any
 
 import pytest
 
+from forcectl.graph.layout.measure import Wires
 from forcectl.graph.layout.order import ranks
 from forcectl.graph.layout.placed import Picture, PlacedBox
 from forcectl.graph.layout.rows import Point
 from forcectl.graph.model import BlockGraph, Endpoint
 
-Wires = Sequence[Sequence[Point]]
-Lines = list[tuple[float, float, float]]  # where on the other axis, from, to
-
 _SCRIPT = Path(__file__).parents[1] / "graph" / "layout" / "elk.mjs"
-_NEAR = 0.05  # [px]
 _LAYERED = {"elk.algorithm": "layered", "elk.edgeRouting": "ORTHOGONAL", "elk.json.edgeCoords": "ROOT"}
 _IN_ROWS = {"elk.layered.wrapping.strategy": "MULTI_EDGE", "elk.aspectRatio": "2.3"}
 
@@ -111,57 +108,3 @@ def _nets(graph: Mapping[str, Any]) -> list[Wires]:
             points = [way["startPoint"], *way.get("bendPoints", ()), way["endPoint"]]
             found[number, inside].append([(point["x"], point["y"]) for point in points])
     return list(found.values())
-
-
-def count_crossings(nets: Iterable[Wires]) -> int:
-    """How often wires of two signals cross; wires of one signal that run together count as one."""
-    level = [(_lines(wires, 1), _lines(wires, 0)) for wires in nets]
-    return sum(
-        low + _NEAR < x < high - _NEAR and bottom + _NEAR < y < top - _NEAR
-        for one, other in itertools.permutations(level, 2)
-        for y, low, high in one[0]
-        for x, bottom, top in other[1]
-    )
-
-
-def count_bends(nets: Iterable[Wires]) -> int:
-    """How many corners the signals have; one where several wires of a signal turn together counts once."""
-    total = 0
-    for wires in nets:
-        corners: list[Point] = []
-        for wire in wires:
-            way = [wire[0], *(at for before, at in itertools.pairwise(wire) if not _same(before, at))]
-            corners += [
-                at
-                for before, at, after in zip(way, way[1:], way[2:], strict=False)
-                if _turns(before, at, after) and not any(_same(at, known) for known in corners)
-            ]
-        total += len(corners)
-    return total
-
-
-def _same(one: Point, other: Point) -> bool:
-    return abs(one[0] - other[0]) < _NEAR and abs(one[1] - other[1]) < _NEAR
-
-
-def _turns(before: Point, at: Point, after: Point) -> bool:
-    return not any(abs(before[k] - at[k]) < _NEAR and abs(at[k] - after[k]) < _NEAR for k in (0, 1))
-
-
-def _lines(wires: Wires, axis: int) -> Lines:
-    """The lines of a signal along which a coordinate does not change, those that overlap joined."""
-    spans: dict[float, list[list[float]]] = defaultdict(list)
-    for wire in wires:
-        for one, other in itertools.pairwise(wire):
-            if abs(one[axis] - other[axis]) < _NEAR:
-                spans[round(one[axis], 1)].append(sorted((one[1 - axis], other[1 - axis])))
-    joined: Lines = []
-    for at, along in spans.items():
-        low, high = -float("inf"), -float("inf")
-        for start, end in sorted(along):
-            if start > high + _NEAR:
-                joined.append((at, low, high))
-                low, high = start, end
-            high = max(high, end)
-        joined.append((at, low, high))
-    return joined

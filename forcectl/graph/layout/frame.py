@@ -1,16 +1,18 @@
 """The picture of an open diagram from the pictures of its blocks: in one row of columns, or in several when it is wide.
 
 Rows stand below one another. A wire to the next row leaves at the right, runs between the rows and enters at the left;
-one that leads back to an earlier row runs below all of them.
+one that leads back to an earlier row runs below all of them and in at the left, or up and in at the right end,
+whichever saves bends and crossings.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from forcectl.graph.layout.breaks import in_rows
+from forcectl.graph.layout.measure import CROSSING, count_bends, count_crossings
 from forcectl.graph.layout.placed import Picture, PlacedBox, PlacedNet
 from forcectl.graph.layout.route import branch_points
 from forcectl.graph.layout.rows import Item, Point
@@ -28,6 +30,7 @@ from forcectl.graph.model import Block, Endpoint
 
 _PAD = 14.0  # inside a frame
 _WIDEST = {True: 2.3, False: 3.2}  # width by height of the whole, and of a diagram in it
+_WAYS = 3  # wires from later rows for which another way is tried, at most
 _NARROW = {True: 1500.0, False: 1600.0}  # [px] what is not broken into rows
 
 Wires = Mapping[Endpoint, Sequence[Endpoint]]
@@ -59,13 +62,29 @@ def frame(
     last = max(column.values(), default=0)
 
     def laid_out(cuts: Sequence[int]) -> Strips:
-        items = {c.path: _item(c, column[c.path], own) for c, own in zip(block.blocks, inner, strict=True)}
-        return Strips(block, items, wires, labels, hints, cuts)
+        def led(inward: Collection[tuple[int, Endpoint]]) -> Strips:
+            items = {c.path: _item(c, column[c.path], own) for c, own in zip(block.blocks, inner, strict=True)}
+            return Strips(block, items, wires, labels, hints, cuts, inward)
+
+        best = led(())
+        back = best.leading_back()
+        if back:
+            # Where a wire from a later row comes in at the right end, it need not pass the blocks at the left.
+            ways = [tuple(back), *((way,) for way in back[:_WAYS] if len(back) > 1)]
+            best = min([best, *map(led, ways)], key=lambda strips: _cost(strips, wires))
+        return best
 
     title = FRAME_NAME * text_width(block.name, TITLE_SIZE, bold=True) + text_width(subtitle(block), TYPE_SIZE) + 46.0
     best = in_rows(laid_out, last, widest=_WIDEST[whole], narrow=_NARROW[whole], high=FRAME_TITLE + 2 * _PAD)
     best.widen(title)
     return _finished(block, inner, best, wires, text)
+
+
+def _cost(strips: Strips, wires: Wires) -> tuple[float, int]:
+    """How bad the wires look."""
+    paths = [strips.paths(source) for source in wires]
+    bends = count_bends(paths)
+    return bends + CROSSING * count_crossings(paths), bends
 
 
 def _finished(

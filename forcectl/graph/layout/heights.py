@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections import defaultdict
-from collections.abc import Iterable
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 
 from forcectl.graph.layout.rows import Columns, Crossing, Item
 
 _GAP_BOX, _GAP_WIRE, _GAP_MIXED, _GAP_TERMINAL = 26.0, 12.0, 16.0, 0.0
 _SWEEPS = 40
-_WORK = 3000  # wires that are tried to be straight, at most
+_WORK = 1500  # wires that are tried to be straight, at most
 
 
-def set_heights(columns: Columns, hops: Iterable[Crossing]) -> None:
+def set_heights(columns: Columns, hops: Sequence[Crossing], lengths: Mapping[Crossing, int]) -> None:
     """Set `y` of every item; the order in the columns stays."""
-    wires = _by_merit(list(hops))
+    wires = _by_merit(hops, lengths)
     chosen, heights = _most_straight(columns, wires)
     run = _runs(columns, chosen)
     _relax(columns, wires, run, heights.y)
@@ -24,12 +24,27 @@ def set_heights(columns: Columns, hops: Iterable[Crossing]) -> None:
         item.y = round(y - top, 2)
 
 
+def estimate_heights(columns: Columns, hops: Sequence[Crossing], lengths: Mapping[Crossing, int]) -> None:
+    """Set `y` of every item quickly, about as `set_heights` does; `lengths` are those of `path_lengths`."""
+    heights = _Heights(columns)
+    for hop in _by_merit(hops, lengths):
+        heights.straighten(hop)
+    for item, y in heights.y.items():
+        item.y = y
+
+
 def _most_straight(columns: Columns, wires: list[Crossing]) -> tuple[list[Crossing], _Heights]:
     """The wires that are straight, and the heights for it: where one keeps several from it, those go first."""
 
     def tried(order: list[Crossing]) -> tuple[list[Crossing], _Heights]:
         heights = _Heights(columns)
         return [hop for hop in order if heights.straighten(hop)], heights
+
+    # A wire that goes straight on saves two bends; where its signal parts, only one.
+    parts = Counter((hop.net, hop.channel) for hop in wires)
+
+    def saved(straight: list[Crossing]) -> int:
+        return sum(2 if parts[hop.net, hop.channel] == 1 else 1 for hop in straight)
 
     best, heights = tried(wires)
     trials = _WORK // max(len(wires), 1)
@@ -40,7 +55,7 @@ def _most_straight(columns: Columns, wires: list[Crossing]) -> tuple[list[Crossi
         if first in chosen:
             continue
         found, other = tried([first, *best, *(hop for hop in wires if hop is not first and hop not in chosen)])
-        if len(found) > len(best):
+        if saved(found) > saved(best):
             best, heights = found, other
             waiting = [hop for hop in wires if hop not in set(best)]
     return best, heights
@@ -72,36 +87,39 @@ class _Heights:
         """Make a wire straight; returns False, with nothing changed, when others do not let it."""
         a, b = hop.left, hop.right
         shift = a.pin("out", hop.left_port)[1] - b.pin("in", hop.right_port)[1]  # b is so much lower than a
-        before = dict(self.y)
         self._after[a].append((b, shift))
         self._after[b].append((a, -shift))
-        if self._lower(a, b, shift) and self._lower(b, a, -shift):
+        moved: dict[Item, float] = {}  # from where
+        if self._lower(a, b, shift, moved) and self._lower(b, a, -shift, moved):
             return True
-        self.y = before
+        self.y.update(moved)
         self._after[a].pop()
         self._after[b].pop()
         return False
 
-    def _lower(self, fixed: Item, item: Item, shift: float) -> bool:
+    def _lower(self, fixed: Item, item: Item, shift: float, moved: dict[Item, float]) -> bool:
         """Move an item down to where it must be, and what is below it; False when that moves what it follows."""
-        if self.y[item] >= self.y[fixed] + shift - 1e-6:
+        y, after = self.y, self._after
+        if y[item] >= y[fixed] + shift - 1e-6:
             return True
-        self.y[item] = self.y[fixed] + shift
+        moved.setdefault(item, y[item])
+        y[item] = y[fixed] + shift
         waiting = [item]
         while waiting:
             upper = waiting.pop()
-            for lower, need in self._after[upper]:
-                if self.y[lower] < self.y[upper] + need - 1e-6:
+            start = y[upper]
+            for lower, need in after[upper]:
+                if y[lower] < start + need - 1e-6:
                     if lower is fixed:
                         return False
-                    self.y[lower] = self.y[upper] + need
+                    moved.setdefault(lower, y[lower])
+                    y[lower] = start + need
                     waiting.append(lower)
         return True
 
 
-def _by_merit(hops: list[Crossing]) -> list[Crossing]:
+def _by_merit(hops: Sequence[Crossing], length: Mapping[Crossing, int]) -> list[Crossing]:
     """The wires in the order in which they are made straight."""
-    length = _path_lengths(hops)
     arriving: dict[Item, list[Crossing]] = defaultdict(list)
     for hop in sorted(hops, key=lambda h: (h.right.fraction("in", h.right_port), h.left.row)):
         arriving[hop.right].append(hop)
@@ -116,7 +134,7 @@ def _by_merit(hops: list[Crossing]) -> list[Crossing]:
     return sorted(hops, key=merit)
 
 
-def _path_lengths(hops: list[Crossing]) -> dict[Crossing, int]:
+def path_lengths(hops: Sequence[Crossing]) -> dict[Crossing, int]:
     """For every hop the number of columns in the longest path through it."""
     before: dict[Item, int] = defaultdict(int)
     after: dict[Item, int] = defaultdict(int)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
-from forcectl.graph.layout.heights import set_heights
-from forcectl.graph.layout.route import Net
-from forcectl.graph.layout.rows import Columns, Crossing, Item
-from forcectl.graph.layout.sweeps import order_columns
+from forcectl.graph.layout.heights import estimate_heights, path_lengths, set_heights
+from forcectl.graph.layout.polish import polish
+from forcectl.graph.layout.rows import Columns, Crossing, Item, Turn
+from forcectl.graph.layout.sweeps import Sorter
 
 
 def place_rows(
     items: Iterable[Item],
-    nets: Sequence[Net],
     hops: Sequence[Crossing],
+    turns: Sequence[Turn],
     count: int,
     outside: Mapping[Item, float] | None = None,
 ) -> Columns:
@@ -21,15 +23,37 @@ def place_rows(
 
     Args:
         items: of the diagram, bend points included.
-        nets: whose returns lead below the columns.
-        hops: of all wires that lead to the right.
+        hops: of all wires.
+        turns: of those that lead back.
         count: number of columns.
         outside: heights, in any unit, at which the wires of terminals go on outside of the diagram.
     """
     columns: Columns = [[] for _ in range(count)]
     for item in items:
         columns[item.rank].append(item)
-    returns = [(number, net.source, target) for number, net in enumerate(nets) for target in net.returns()]
-    order_columns(columns, hops, returns, outside or {})
-    set_heights(columns, hops)
+
+    lengths = path_lengths(hops)
+
+    def bends() -> int:
+        estimate_heights(columns, hops, lengths)
+        return _bends(hops, turns)
+
+    sorter = Sorter(columns, hops, turns, outside or {})
+    sorter.sort(bends)
+    polish(sorter, hops, bends)
+    set_heights(columns, hops, lengths)
     return columns
+
+
+def _bends(hops: Sequence[Crossing], turns: Sequence[Turn]) -> int:
+    """How many corners the wires have."""
+    heights: dict[tuple[int, int], list[float]] = defaultdict(list)
+    for hop in hops:
+        heights[hop.net, hop.channel] += (
+            hop.left.place("out", hop.left_port)[1],
+            hop.right.place("in", hop.right_port)[1],
+        )
+    for turn in turns:
+        heights[turn.net, turn.channel] += turn.heights()
+    different = [sum(b - a > 0.05 for a, b in itertools.pairwise(sorted(at))) for at in heights.values()]
+    return sum(1 + steps for steps in different if steps)

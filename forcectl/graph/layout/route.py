@@ -1,4 +1,4 @@
-"""Wires at right angles: one upright track per wire in the channel between two columns, returns below the blocks."""
+"""Wires at right angles: one upright track per wire in the channel between two columns."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import itertools
 from collections import defaultdict
 from dataclasses import dataclass, field
 
-from forcectl.graph.layout.rows import Columns, Crossing, End, Item, Point
+from forcectl.graph.layout.rows import Columns, Crossing, End, Item, Point, Turn
 
 TRACK = 11.0  # between upright tracks
-LANE = 13.0  # between returning lanes
-_BELOW = 16.0  # first lane below the lowest block
+LANE = 13.0  # between the wires below a row
 _ENTRY = 15.0  # from the last track to a block: room for the arrow head
 _NARROW = 26.0
 
@@ -21,15 +20,18 @@ class Net:
 
     Attributes:
         source: item and port.
-        targets: items and ports; a target in a column that is not to the right of the source is reached by a return.
+        targets: items and ports; those in a column that is not to the right of the source are reached by a return.
         label_width: of the text written at the source.
+        enters: whether it comes from a later row: its source stands at the right end, and all targets are returns.
+        bends, returning: column -> item where the wire passes, to the right and back.
     """
 
     source: End
     targets: list[End]
     label_width: float = 0.0
-    lane: float = 0.0
-    bends: dict[int, Item] = field(default_factory=dict)  # column -> item where the wire passes
+    enters: bool = False
+    bends: dict[int, Item] = field(default_factory=dict)
+    returning: dict[int, Item] = field(default_factory=dict)
 
     @property
     def rank(self) -> int:
@@ -37,7 +39,7 @@ class Net:
         return self.source[0].rank
 
     def returns(self) -> list[End]:
-        """The targets that are reached from below."""
+        """The targets that are not to the right."""
         return [target for target in self.targets if target[0].rank <= self.rank]
 
 
@@ -60,9 +62,10 @@ class _Track:
 Tracks = dict[int, _Track]  # by number of the net
 
 
-def bend_points(nets: list[Net]) -> list[Crossing]:
-    """Put an item wherever a wire passes a column, and return every hop from column to column."""
+def bend_points(nets: list[Net]) -> tuple[list[Crossing], list[Turn]]:
+    """Put an item wherever a wire passes a column; returns every hop from column to column, and where wires turn."""
     hops: list[Crossing] = []
+    turns: list[Turn] = []
     for number, net in enumerate(nets):
         forward = [target for target in net.targets if target[0].rank > net.rank]
         furthest = max((item.rank for item, _ in forward), default=net.rank)
@@ -73,37 +76,23 @@ def bend_points(nets: list[Net]) -> list[Crossing]:
             if rank + 1 in net.bends:
                 ends.append((net.bends[rank + 1], ""))
             hops += [Crossing(number, rank, *start, *end) for end in ends]
-    return hops
-
-
-def set_lanes(nets: list[Net], columns: Columns, hops: list[Crossing]) -> float:
-    """Height of every return below the blocks it passes, short ones closest; returns the lowest of everything."""
-    bottom = [max((item.y + item.height for item in column), default=0.0) for column in columns]
-    rows: dict[int, set[float]] = defaultdict(set)  # heights at which wires run in each channel
-    for hop in hops:
-        rows[hop.channel] |= {hop.left.place("out", hop.left_port)[1], hop.right.place("in", hop.right_port)[1]}
-    placed: list[tuple[int, int, float]] = []
-    returning = []
-    for number, net in enumerate(nets):
         if back := net.returns():
-            first, arrival = min((item.rank, item.place("in", port)[1]) for item, port in back)
-            returning.append((net.rank - first, first, -arrival, number))
-    for length, first, _, number in sorted(returning):  # the lowest port takes the innermost lane
-        last = first + length
-        lane = max(bottom[first : last + 1]) + _BELOW
-        # Lanes reach into the channels left of their first and right of their last column.
-        taken = [lane for a, b, lane in placed if a <= last + 1 and first <= b + 1]
-        for row in sorted([*taken, *rows[first - 1], *rows[last]]):
-            if abs(row - lane) < LANE - 0.01:
-                lane = row + LANE
-        nets[number].lane = lane
-        placed.append((first, last, lane))
-    return max([*bottom, *(lane for *_, lane in placed)], default=0.0)
+            last = net.rank - 1 if net.enters else net.rank
+            first = min(item.rank for item, _ in back)
+            net.returning = {rank: Item(rank, wire=True) for rank in range(first, last + 1)}
+            passed = [*net.returning.values(), *([net.source[0]] if net.enters else [])]
+            hops += [Crossing(number, a.rank, a, "", b, net.source[1]) for a, b in itertools.pairwise(passed)]
+            turns += [Turn(number, item.rank - 1, "right", item, port, net.returning[item.rank]) for item, port in back]
+            if not net.enters:
+                turns.append(Turn(number, last, "left", *net.source, net.returning[last]))
+    return hops, turns
 
 
-def set_columns(nets: list[Net], columns: Columns, hops: list[Crossing]) -> tuple[float, list[Tracks]]:
+def set_columns(
+    nets: list[Net], columns: Columns, hops: list[Crossing], turns: list[Turn]
+) -> tuple[float, list[Tracks]]:
     """Set `x` of every item; returns the total width and the tracks of each channel."""
-    channels = [_channel(number, nets, hops) for number in range(len(columns))]
+    channels = [_channel(number, hops, turns) for number in range(len(columns))]
     x = 0.0
     for number, column in enumerate(columns):
         width = max((item.width for item in column), default=0.0)
@@ -124,7 +113,7 @@ def set_columns(nets: list[Net], columns: Columns, hops: list[Crossing]) -> tupl
     return x, channels
 
 
-def _channel(number: int, nets: list[Net], hops: list[Crossing]) -> Tracks:
+def _channel(number: int, hops: list[Crossing], turns: list[Turn]) -> Tracks:
     """The nets that pass the channel to the right of a column."""
     left: dict[int, list[float]] = defaultdict(list)
     right: dict[int, list[float]] = defaultdict(list)
@@ -132,15 +121,9 @@ def _channel(number: int, nets: list[Net], hops: list[Crossing]) -> Tracks:
         if hop.channel == number:
             left[hop.net].append(hop.left.place("out", hop.left_port)[1])
             right[hop.net].append(hop.right.place("in", hop.right_port)[1])
-    for index, net in enumerate(nets):
-        back = net.returns()
-        if back and net.rank == number:
-            item, port = net.source
-            left[index] += [item.place("out", port)[1], net.lane]
-        if ends := [item.place("in", port)[1] for item, port in back if item.rank == number + 1]:
-            right[index] += [*ends, net.lane]
-            if min(item.rank for item, _ in back) <= number:
-                left[index].append(net.lane)
+    for turn in turns:
+        if turn.channel == number:
+            (left if turn.side == "left" else right)[turn.net] += turn.heights()
     return {net: _Track(net, list(dict.fromkeys(left[net])), right[net]) for net in sorted({*left, *right})}
 
 
@@ -213,14 +196,16 @@ def _cost(a: _Track, b: _Track) -> float:
 def wire_points(net: Net, number: int, target: End, channels: list[Tracks]) -> list[Point]:
     """Corners of the wire from a net's source to one of its targets."""
     (source, source_port), (item, port) = net.source, target
-    start, end = source.place("out", source_port), item.place("in", port)
+    start, end = source.place("in" if net.enters else "out", source_port), item.place("in", port)
     if item.rank <= source.rank:
-        out, back = channels[source.rank][number].x, channels[item.rank - 1][number].x
-        corners = [(out, start[1]), (out, net.lane), (back, net.lane), (back, end[1])]
+        last = source.rank - 1 if net.enters else source.rank
+        passed = [start[1], *(net.returning[rank].y for rank in range(last, item.rank - 1, -1)), end[1]]
+        through = range(last, item.rank - 2, -1)
     else:
         passed = [start[1], *(net.bends[rank].y for rank in range(source.rank + 1, item.rank)), end[1]]
-        tracks = [channels[channel][number].x for channel in range(source.rank, item.rank)]
-        corners = [(x, y) for x, pair in zip(tracks, itertools.pairwise(passed), strict=True) for y in pair]
+        through = range(source.rank, item.rank)
+    tracks = [channels[channel][number].x for channel in through]
+    corners = [(x, y) for x, pair in zip(tracks, itertools.pairwise(passed), strict=True) for y in pair]
     return without_repeats([start, *corners, end])
 
 

@@ -1,7 +1,8 @@
 """Where everything goes: a layered layout, one nested diagram at a time, inside out.
 
 Columns come from `order.ranks`; wires that skip columns get a bend point in each column they pass. The order in a
-column is that of `sweeps`, so that few wires cross; heights are those of `heights`, so that many wires are straight.
+column is that of `sweeps` and `polish`, so that few wires cross and bend; wires that lead back pass the columns alike.
+Heights are those of `heights`, so that many wires are straight.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class Item:
 End = tuple[Item, str]  # a port
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Crossing:
     """One wire's way through the channel to the right of column `channel`."""
 
@@ -61,6 +62,26 @@ class Crossing:
     left_port: str
     right: Item
     right_port: str
+
+
+@dataclass(eq=False)
+class Turn:
+    """Where a wire that leads back turns round, beside a column: it joins a port to its own bend point in that column.
+
+    Attributes:
+        side: of the channel: "left", behind the block that it leaves, or "right", before the one where it arrives.
+    """
+
+    net: int
+    channel: int
+    side: str
+    item: Item
+    port: str
+    bend: Item
+
+    def heights(self) -> tuple[float, float]:
+        """Of both ends."""
+        return self.item.place("out" if self.side == "left" else "in", self.port)[1], self.bend.y
 
 
 Columns = list[list[Item]]

@@ -111,7 +111,7 @@ def _symbol(block: Block, form: Form, text: str) -> Shape:
     if form == "circle":
         width = height = max(30.0, many * PORT_PITCH)
     elif form == "bar":
-        width = 7.0
+        width, height = 7.0, max(many, 2) * PORT_PITCH  # the ports of a box beside it are as far apart
     elif form == "triangle":
         width = max(42.0, text_width(text, 11.0) * 1.25 + 22.0)
     else:

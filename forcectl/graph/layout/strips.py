@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from forcectl.graph.layout.place import place_rows
 from forcectl.graph.layout.route import (
@@ -13,7 +13,6 @@ from forcectl.graph.layout.route import (
     Net,
     bend_points,
     set_columns,
-    set_lanes,
     wire_points,
     without_repeats,
 )
@@ -43,11 +42,13 @@ class Strip:
         self.nets = nets
         every = list(nets.values())
         self._number = {source: number for number, source in enumerate(nets)}
-        hops = bend_points(every)
+        hops, turns = bend_points(every)
         bends = [bend for net in every for bend in net.bends.values()]
-        self.columns: Columns = place_rows([*items, *bends], every, hops, count, outside)
-        self.height = set_lanes(every, self.columns, hops)
-        self.width, self._channels = set_columns(every, self.columns, hops)
+        for net in sorted(every, key=lambda net: len(net.returning)):  # long returns run below short ones
+            bends += net.returning.values()
+        self.columns: Columns = place_rows([*items, *bends], hops, turns, count, outside)
+        self.height = max((item.y + item.height for column in self.columns for item in column), default=0.0)
+        self.width, self._channels = set_columns(every, self.columns, hops, turns)
 
     def widen(self, width: float) -> None:
         """Move what stands at the right end."""
@@ -70,6 +71,7 @@ class Strips:
         labels: widths of the texts at the sources.
         hints: where the wires of its ports come from and go to, by side and port.
         cuts: columns behind which a row ends.
+        inward: rows and signals that lead back to them in at the right end, not around all rows and in at the left.
     """
 
     def __init__(
@@ -80,7 +82,9 @@ class Strips:
         labels: Mapping[Endpoint, float],
         hints: Mapping[tuple[str, str], float],
         cuts: Sequence[int],
+        inward: Collection[tuple[int, Endpoint]] = (),
     ) -> None:
+        self._inward = inward
         self._block, self.items, self._wires, self._labels, self._hints = block, items, wires, labels, hints
         self._several = bool(cuts)
         self._label = {port.name: port.label for port in block.outputs}
@@ -94,6 +98,7 @@ class Strips:
         # The ends of wires at a row: terminals of the diagram, and where a wire leads to or comes from another row.
         self._entries: dict[tuple[int, Endpoint], Item] = {}
         self._exits: dict[tuple[int, Endpoint], Item] = {}
+        self._inlets: dict[tuple[int, Endpoint], Item] = {}
         self._terminals: dict[tuple[str, str], tuple[int, Item]] = {}
         self._strips = [self._strip(row) for row in range(len(self._counts))]
         self._join_rows()
@@ -139,8 +144,13 @@ class Strips:
                 if rows - {row}:
                     leaving = self._point(last, "in", source.port)
                     self._exits[row, source] = leaving
-                    outside[leaving] = BOTTOM
+                    upwards = all((other, source) in self._inward for other in rows - {row})
+                    outside[leaving] = -BOTTOM if upwards else BOTTOM
                     here.append((leaving, source.port))
+            elif (row, source) in self._inward:
+                start = self._point(last, "in", source.port), source.port
+                self._inlets[row, source] = start[0]
+                outside[start[0]] = 2.0 * BOTTOM
             elif row in rows:
                 start = self._point(0, "out", source.port), source.port
                 self._entries[row, source] = start[0]
@@ -149,9 +159,15 @@ class Strips:
                 outside[start[0]] = BOTTOM if came is None else came.y
             else:
                 continue
-            nets[source] = Net(start, here, self._labels[source] if row == home else 0.0)
+            enters = (row, source) in self._inlets
+            nets[source] = Net(start, here, self._labels[source] if row == home else 0.0, enters)
         ends = [item for at, item in self._terminals.values() if at == row]
-        ends += [item for (at, _), item in (*self._entries.items(), *self._exits.items()) if at == row]
+        ends += [
+            item
+            for points in (self._entries, self._exits, self._inlets)
+            for (at, _), item in points.items()
+            if at == row
+        ]
         own = [item for path, item in self.items.items() if self._row[path] == row]
         return Strip([*ends, *own], nets, outside, last + 1)
 
@@ -175,9 +191,13 @@ class Strips:
             strip.widen(width)
         between: dict[int, list[Endpoint]] = defaultdict(list)  # by the row that a wire runs below
         bottom = len(self._strips) - 1
+        upwards: list[Endpoint] = []  # from the uppermost on
         for (row, source), _ in sorted(self._exits.items(), key=lambda one: -one[1].y):
-            back = any(at < row for at, entering in self._entries if entering == source)
-            between[bottom if back else row].append(source)
+            others = [at for at, entering in self._entries if entering == source]
+            if others:
+                between[bottom if min(others) < row else row].append(source)
+            else:
+                upwards.insert(0, source)
         home = {source: row for row, source in self._exits}
         down = [s for row in range(bottom) for s in between[row] if home[s] == row]
         around = sorted(between[bottom], key=lambda source: home[source] != bottom)
@@ -202,6 +222,9 @@ class Strips:
             self._right[source] = self._begin + width + 6.0 + TRACK * (inner_here + number)
             inner = max(inner, inner_here + number + 1) if home[source] != bottom else inner
         tracks = max(inner, len(around))
+        for source in upwards:
+            self._right[source] = self._begin + width + 6.0 + TRACK * tracks
+            tracks += 1
         y = 0.0
         self._tops = []
         for row, strip in enumerate(self._strips):
@@ -271,13 +294,17 @@ class Strips:
             points = self._moved(row, source, end)
             if row != home:
                 y = points[0][1]
-                left = self._left[source]
+                left = self._left.get(source, 0.0)
                 if of_block:
                     start = self._at_border("in", source.port)
                     points = [start, (left, start[1]), (left, y), *points]
                 else:
-                    lane, right = self._lane[source], self._right[source]
+                    right = self._right[source]
                     before = self._moved(home, source, (self._exits[home, source], source.port))
+                    if (row, source) in self._inward:
+                        found.append(without_repeats([*before, (right, before[-1][1]), (right, y), *points]))
+                        continue
+                    lane = self._lane[source]
                     points = [*before, (right, before[-1][1]), (right, lane), (left, lane), (left, y), *points]
             elif of_block:
                 points = [self._at_border("in", source.port), *points]
@@ -296,6 +323,11 @@ class Strips:
         """Upper left corner of a block."""
         item = self.items[path]
         return self._moved_point(self._row[path], (item.x, item.y))
+
+    def leading_back(self) -> list[tuple[int, Endpoint]]:
+        """The rows, and the signals that lead to them from a later one."""
+        of_blocks = [(row, source) for row, source in self._entries if source.block != self._block.path]
+        return [(row, source) for row, source in of_blocks if self._row[source.block] > row]
 
     def spans(self) -> list[float]:
         """How wide each column of blocks in the only row is, with the channel to its right."""

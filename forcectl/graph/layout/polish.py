@@ -1,0 +1,159 @@
+"""Last changes to the order in the columns, which save more bends than they add crossings.
+
+A sweep moves one item at a time and looks at crossings alone. Here a wire moves as a whole, straight lines exchange
+places, and bends count too.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+
+from forcectl.graph.layout.measure import CROSSING
+from forcectl.graph.layout.rows import Crossing, Item
+from forcectl.graph.layout.sweeps import Sorter, crossings_of, number_rows
+
+_TRIES = 60  # exchanges whose bends are counted, at most
+_LARGEST = 200  # hops of wires from column to column where it is tried
+_MORE = 2  # crossings that an exchange may add
+
+_Pairs = list[tuple[Item, Item]]  # neighbours, the upper one first
+
+
+def polish(sorter: Sorter, hops: Iterable[Crossing], bends: Callable[[], int]) -> None:
+    """Improve the order of a sorter.
+
+    Args:
+        sorter: with its columns ordered.
+        hops: of all wires.
+        bends: sets heights, and counts the corners of all wires.
+    """
+    ordered = sorted(hops, key=lambda hop: hop.channel)
+    if len(ordered) > _LARGEST:
+        return
+    least = bends()
+    for chain in _chains(ordered):
+        least = _lead(sorter, *chain, least, bends)
+    tries, improved = _TRIES, True
+    while improved:
+        improved = False
+        for pairs in _exchanges(sorter, ordered):
+            done: _Pairs = []
+            more = 0
+            for upper, lower in pairs:
+                if upper.row + 1 == lower.row:
+                    more += sorter.swapped(sorter.columns[upper.rank], upper, lower.row)
+                    done.append((upper, lower))
+            if done and more <= _MORE and tries:
+                tries -= 1
+                now = bends()
+                if now + CROSSING * more < least:
+                    least, improved = now, True
+                    continue
+            for upper, lower in reversed(done):
+                sorter.swap(sorter.columns[upper.rank], upper, lower.row)
+
+
+def _chains(hops: Sequence[Crossing]) -> list[tuple[int, list[Item]]]:
+    """The net and the bend points of every wire that passes columns, from left to right; hops by channel."""
+    net = {item: hop.net for hop in hops for item in (hop.left, hop.right) if item.wire}
+    following = {hop.left: hop.right for hop in hops if hop.left.wire and hop.right.wire}
+    later = set(following.values())
+    found = []
+    for item, number in net.items():
+        if item not in later:
+            chain = [item]
+            while chain[-1] in following:
+                chain.append(following[chain[-1]])
+            found.append((number, chain))
+    return found
+
+
+def _exchanges(sorter: Sorter, hops: Sequence[Crossing]) -> list[_Pairs]:
+    """Neighbours to be exchanged, of which one bends at least: each pair alone, and all pairs of two straight lines."""
+    line = {item: number for number, item in enumerate(itertools.chain.from_iterable(sorter.columns))}
+    bent: set[int] = set()
+    for hop in hops:
+        start = hop.left.y + hop.left.pin("out", hop.left_port)[1]
+        if abs(start - hop.right.y - hop.right.pin("in", hop.right_port)[1]) < 0.05:
+            line[hop.right] = line[hop.left]
+    for hop in hops:
+        if line[hop.left] != line[hop.right]:
+            bent |= {line[hop.left], line[hop.right]}
+    together: dict[tuple[int, int], _Pairs] = defaultdict(list)
+    for column in sorter.columns:
+        for upper, lower in itertools.pairwise(column):
+            if line[upper] in bent or line[lower] in bent:
+                together[line[upper], line[lower]].append((upper, lower))
+    alone = [[pair] for pairs in together.values() for pair in pairs]
+    return alone + [pairs for pairs in together.values() if len(pairs) > 1]
+
+
+def _lead(sorter: Sorter, net: int, chain: list[Item], bent: int, bends: Callable[[], int]) -> int:
+    """Lead a wire through the columns where it crosses least, if that is better; returns the number of bends."""
+    first = chain[0].rank - 1
+    channels = [sorter.strands[channel] for channel in range(first, first + len(chain) + 1)]
+    others = [[other for number, other in strands.items() if number != net] for strands in channels]
+
+    def crossed(channel: int) -> int:
+        own = channels[channel][net]
+        return sum(crossings_of((own, other)) for other in others[channel])
+
+    before = sum(map(crossed, range(len(channels))))
+    if not before:
+        return bent
+    columns = [sorter.columns[item.rank] for item in chain]
+    kept = [list(column) for column in columns]
+    for item, column in zip(chain, columns, strict=True):
+        column.remove(item)
+        for row, other in enumerate(column):
+            other.row = 2 * row + 1  # slot number n is row 2 n
+    simple = [
+        [(other.left[0].at, other.right[0].at) for other in strands if other.simple and strands_own.simple]
+        for strands, strands_own in ((others[n], channels[n][net]) for n in range(len(channels)))
+    ]
+    rest = [
+        [other for other in strands if not (other.simple and channels[n][net].simple)]
+        for n, strands in enumerate(others)
+    ]
+
+    def crossed_now(channel: int) -> int:
+        """As `crossed`, where nothing but this wire moves."""
+        own = channels[channel][net]
+        total = sum(crossings_of((own, other)) for other in rest[channel])
+        if simple[channel]:
+            at_left, at_right = own.left[0].at, own.right[0].at
+            total += sum((a < at_left) != (b < at_right) for a, b in simple[channel])
+        return total
+
+    # Through each channel from every slot to every slot: the least crossings up to there, and the slot before.
+    costs = [0.0]
+    ways: list[list[int]] = []
+    for channel in range(len(channels)):
+        way: list[int] = []
+        reached: list[float] = []
+        for slot in range(len(columns[channel]) + 1) if channel < len(chain) else (0,):
+            if channel < len(chain):
+                chain[channel].row = 2 * slot
+            found = []
+            for earlier, cost in enumerate(costs):
+                if channel:
+                    chain[channel - 1].row = 2 * earlier
+                found.append(cost + crossed_now(channel) - 0.001 * slot)  # of equals the lower one
+            way.append(min(range(len(found)), key=found.__getitem__))
+            reached.append(found[way[-1]])
+        costs = reached
+        ways.append(way)
+    slot = 0
+    for place in reversed(range(len(chain))):
+        slot = ways[place + 1][slot]
+        columns[place].insert(slot, chain[place])
+    number_rows(columns)
+    after = sum(map(crossed, range(len(channels))))
+    if CROSSING * after + (now := bends()) < CROSSING * before + bent:
+        return now
+    for column, order in zip(columns, kept, strict=True):
+        column[:] = order
+    number_rows(columns)
+    return bent
