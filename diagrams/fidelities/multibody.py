@@ -80,10 +80,10 @@ class MultibodyStation(PythonDiagram):
     output_ports: [link_position, link_velocity, motor_position, motor_velocity, (further outputs of drive and
     sensors; in any order), measured_wrench (optional), measured_force (optional), joint_position (optional),
     joint_velocity (optional), motor_torque (optional), contact_force (optional), surface_height (optional),
-    surface_tilt (optional), surface_damping (optional), surface_stiffness (optional), contact_displacement (optional), contact_state
-    (optional), contact_losses (optional), applied_wrench (optional), external_torque (optional), tip_wrench
-    (optional), arm_contact_force (optional), part_released (optional), gripper_holds (optional), part_position
-    (optional), part_orientation (optional)]
+    surface_tilt (optional), surface_damping (optional), surface_stiffness (optional), contact_displacement
+    (optional), contact_state (optional), contact_losses (optional), applied_wrench (optional), external_torque
+    (optional), tip_wrench (optional), arm_contact_force (optional), part_released (optional), gripper_holds
+    (optional), part_position (optional), part_orientation (optional)]
     ```
 
     joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm]; the last two

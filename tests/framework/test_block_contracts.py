@@ -30,6 +30,7 @@ from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.integral import IntegralForceLaw
 from forcectl.force.law import ForceLaw
 from forcectl.framework.batch import BatchBlock
+from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.framework.sampled_block import SampledBatch, SampledBlock
 from forcectl.plant.contact.pairs.pair_contact import PairContact
 from forcectl.plant.contact.tip_contact import TipContact
@@ -51,7 +52,7 @@ CASES = [
 STATIONS = (LightStation, MultibodyStation)
 
 
-BASES = {ForceLaw, BatchBlock, PairContact, SampledBatch, SampledBlock, SensorElectronics}
+BASES = {ForceLaw, PythonBlock, PythonDiagram, BatchBlock, PairContact, SampledBatch, SampledBlock, SensorElectronics}
 BLOCKS = {kind.__name__: kind for kind in EXAMPLES}
 EVERY_BLOCK = pytest.mark.parametrize(
     "kind", sorted(EXAMPLES, key=lambda kind: kind.__name__), ids=lambda kind: kind.__name__

@@ -16,7 +16,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.force.hybrid.task_axes import TaskAxes
 from forcectl.framework.batch import check
-from forcectl.framework.cache import scratch
+from forcectl.framework.block import scratch
 from forcectl.framework.kernels import all_finite
 from forcectl.framework.sampled_block import Memory, SampledBlock
 

@@ -35,6 +35,7 @@ _STEEPEST = 0.3  # slope [-] up to which n is still a fair contact normal
 _STEEPEST_TURNING = 1.0  # and up to which the way of the tool is still one over s
 _LONGEST = 2.0  # path [m]; keeps the grid small
 _HIGHEST = 0.05  # height in a file, of a groove, of roughness [m]: beyond it the number is hardly in metres
+_HIGHEST_TURNING = 0.5  # and of a surface that the tool follows round [m]
 
 
 def groove_profile(s: Array, centre: float, depth: float, width: float, flank: float) -> Array:
@@ -356,8 +357,9 @@ class SurfaceConfig(Config, in_batches=True):
             if z.shape != s.shape or not np.isfinite(z).all():
                 wanted = f"finite numbers of shape {s.shape}, like s"
                 raise BadInputError(f"heights(s) must return {wanted}, not shape {z.shape}", key=place)
-            if np.abs(z).max() > _HIGHEST:
-                fault = f"must be in metres, at most {_HIGHEST:g} m, not {np.abs(z).max():g}"
+            highest = _HIGHEST_TURNING if self.turning else _HIGHEST
+            if np.abs(z).max() > highest:
+                fault = f"must be in metres, at most {highest:g} m, not {np.abs(z).max():g}"
                 raise BadInputError(fault, key=place)
             total += z
         return total

@@ -22,11 +22,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.fields import Config, key
 from forcectl.plant.contact.surface import SurfaceProfile
 from forcectl.robot.model import RobotModel, posture_cache, unit_normal
@@ -96,7 +96,7 @@ class FootPoint:
         return height, math.atan(slope), height - nearest * slope + raised
 
 
-class TurningSurface(LeafSystem):
+class TurningSurface(PythonBlock):
     """Height and tilt of a curved surface where the ball of a tool touches it.
 
     ```
