@@ -285,7 +285,7 @@ def test_a_profile_beside_the_scenario_is_found_from_anywhere(tmp_path: Path, mo
 
 
 @pytest.mark.slow
-def test_the_replay_moves_the_plate(tmp_path: Path) -> None:
+def test_the_replay_moves_the_plate(tmp_path: Path, without_pictures: None) -> None:
     sizes = []
     for slope in (0.0, 0.05):
         overrides = {"station.environment.surface.slope": slope, "motion.distance": 0.05, "motion.speed": 0.02}

@@ -32,7 +32,11 @@ def to_html(graph: BlockGraph) -> str:
     fragments: dict[str, int] = {}
     paths = {block.path: number for number, block in enumerate(graph.root.walk())}
     around = _around(graph)
-    states = [_state(graph, layouter.picture(opened), opened, paths, fragments) for opened in fold_states(graph)]
+    depths = [graph.unfolded(depth) for depth in range(graph.root.height + 1)]
+    states = [
+        _state(graph, layouter.picture(opened, careful=opened in depths), opened, paths, fragments)
+        for opened in fold_states(graph)
+    ]
     data = {
         "title": graph.heading,
         "style": style(),
@@ -41,7 +45,7 @@ def to_html(graph: BlockGraph) -> str:
         "signals": _signals(graph),
         "fragments": list(fragments),
         "start": _key(graph.unfolded(), paths),
-        "depths": [_key(graph.unfolded(depth), paths) for depth in range(graph.root.height + 1)],
+        "depths": [_key(opened, paths) for opened in depths],
     }
     template = Environment(
         loader=PackageLoader("forcectl.graph.formats"), autoescape=select_autoescape(["html.j2"]), trim_blocks=True

@@ -22,27 +22,34 @@ class Layouter:
 
     def __init__(self, graph: BlockGraph) -> None:
         self._graph = graph
-        self._done: dict[tuple[str, frozenset[str], frozenset[tuple[tuple[str, str], float]]], Picture] = {}
+        self._done: dict[tuple[str, frozenset[str], frozenset[tuple[tuple[str, str], float]], bool], Picture] = {}
 
-    def picture(self, unfolded: frozenset[str] | None = None) -> Picture:
-        """The picture with these diagrams open (default: as deep as the graph says)."""
-        inner = self._block(self._graph.root, self._graph.unfolded() if unfolded is None else unfolded, {})
+    def picture(self, unfolded: frozenset[str] | None = None, careful: bool = True) -> Picture:
+        """The picture with some diagrams open.
+
+        Args:
+            unfolded: paths of those; None: as deep as the graph says.
+            careful: whether ways of wires are tried one by one, which takes three times as long.
+        """
+        opened = self._graph.unfolded() if unfolded is None else unfolded
+        inner = self._block(self._graph.root, opened, {}, careful)
         whole = inner.moved(_MARGIN, _MARGIN)
         return replace(whole, width=inner.width + 2 * _MARGIN, height=inner.height + 2 * _MARGIN)
 
-    def _block(self, block: Block, opened: frozenset[str], hints: Hints) -> Picture:
+    def _block(self, block: Block, opened: frozenset[str], hints: Hints, careful: bool) -> Picture:
         """Picture of one block with its corner at the origin; its own box or frame comes first."""
         if block.path not in opened:
             return _folded(block)
-        key = (block.path, opened.intersection(inner.path for inner in block.walk()), frozenset(hints.items()))
+        inside = opened.intersection(inner.path for inner in block.walk())
+        key = (block.path, inside, frozenset(hints.items()), careful)
         if key not in self._done:
             column = ranks(block)
             inner: dict[str, Picture] = {}
             for child in sorted(block.blocks, key=lambda child: column[child.path]):
                 around = _hints(block, child, inner) if child.path in opened else {}
-                inner[child.path] = self._block(child, opened, around)
+                inner[child.path] = self._block(child, opened, around, careful)
             pictures = [inner[child.path] for child in block.blocks]
-            self._done[key] = frame(block, pictures, column, hints, whole=block is self._graph.root)
+            self._done[key] = frame(block, pictures, column, hints, block is self._graph.root, careful)
         return self._done[key]
 
 

@@ -42,6 +42,7 @@ def frame(
     column: Mapping[str, int],
     hints: Mapping[tuple[str, str], float],
     whole: bool,
+    careful: bool,
 ) -> Picture:
     """Picture of an unfolded diagram.
 
@@ -51,6 +52,7 @@ def frame(
         column: of each of them, from 1 on.
         hints: where the wires of its ports come from and go to, by side and port.
         whole: whether it is the whole picture, which shall not be wide.
+        careful: whether ways of wires are tried one by one.
     """
     wires: dict[Endpoint, list[Endpoint]] = defaultdict(list)
     text: dict[Endpoint, str] = {}
@@ -64,10 +66,10 @@ def frame(
     def laid_out(cuts: Sequence[int]) -> Strips:
         def led(inward: Collection[tuple[int, Endpoint]]) -> Strips:
             items = {c.path: _item(c, column[c.path], own) for c, own in zip(block.blocks, inner, strict=True)}
-            return Strips(block, items, wires, labels, hints, cuts, inward)
+            return Strips(block, items, wires, labels, hints, cuts, inward, careful)
 
         best = led(())
-        back = best.leading_back()
+        back = best.leading_back() if careful else []
         if back:
             # Where a wire from a later row comes in at the right end, it need not pass the blocks at the left.
             ways = [tuple(back), *((way,) for way in back[:_WAYS] if len(back) > 1)]

@@ -18,6 +18,7 @@ def place_rows(
     turns: Sequence[Turn],
     count: int,
     outside: Mapping[Item, float] | None = None,
+    careful: bool = True,
 ) -> Columns:
     """Order the items in each of `count` columns and set `y` of every item; returns the columns.
 
@@ -27,6 +28,7 @@ def place_rows(
         turns: of those that lead back.
         count: number of columns.
         outside: heights, in any unit, at which the wires of terminals go on outside of the diagram.
+        careful: whether bends count, and the order is polished.
     """
     columns: Columns = [[] for _ in range(count)]
     for item in items:
@@ -39,8 +41,9 @@ def place_rows(
         return _bends(hops, turns)
 
     sorter = Sorter(columns, hops, turns, outside or {})
-    sorter.sort(bends)
-    polish(sorter, hops, bends)
+    sorter.sort(bends if careful else None)
+    if careful:
+        polish(sorter, hops, bends)
     set_heights(columns, hops, lengths)
     return columns
 

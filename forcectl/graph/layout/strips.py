@@ -34,10 +34,16 @@ class Strip:
         nets: by source.
         outside: where the wires at the ends come from or go to, as far as known.
         count: number of columns, ends included.
+        careful: whether the order in the columns is improved wire by wire.
     """
 
     def __init__(
-        self, items: Sequence[Item], nets: Mapping[Endpoint, Net], outside: Mapping[Item, float], count: int
+        self,
+        items: Sequence[Item],
+        nets: Mapping[Endpoint, Net],
+        outside: Mapping[Item, float],
+        count: int,
+        careful: bool,
     ) -> None:
         self.nets = nets
         every = list(nets.values())
@@ -46,7 +52,7 @@ class Strip:
         bends = [bend for net in every for bend in net.bends.values()]
         for net in sorted(every, key=lambda net: len(net.returning)):  # long returns run below short ones
             bends += net.returning.values()
-        self.columns: Columns = place_rows([*items, *bends], hops, turns, count, outside)
+        self.columns: Columns = place_rows([*items, *bends], hops, turns, count, outside, careful)
         self.height = max((item.y + item.height for column in self.columns for item in column), default=0.0)
         self.width, self._channels = set_columns(every, self.columns, hops, turns)
 
@@ -72,6 +78,7 @@ class Strips:
         hints: where the wires of its ports come from and go to, by side and port.
         cuts: columns behind which a row ends.
         inward: rows and signals that lead back to them in at the right end, not around all rows and in at the left.
+        careful: see `Strip`.
     """
 
     def __init__(
@@ -83,8 +90,9 @@ class Strips:
         hints: Mapping[tuple[str, str], float],
         cuts: Sequence[int],
         inward: Collection[tuple[int, Endpoint]] = (),
+        careful: bool = True,
     ) -> None:
-        self._inward = inward
+        self._inward, self._careful = inward, careful
         self._block, self.items, self._wires, self._labels, self._hints = block, items, wires, labels, hints
         self._several = bool(cuts)
         self._label = {port.name: port.label for port in block.outputs}
@@ -169,7 +177,7 @@ class Strips:
             if at == row
         ]
         own = [item for path, item in self.items.items() if self._row[path] == row]
-        return Strip([*ends, *own], nets, outside, last + 1)
+        return Strip([*ends, *own], nets, outside, last + 1, self._careful)
 
     def _set_hint(self, outside: dict[Item, float], item: Item, side: str, port: str) -> None:
         if (hint := self._hints.get((side, port))) is not None:

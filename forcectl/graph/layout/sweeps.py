@@ -110,17 +110,18 @@ class Sorter:
         if strand not in self._touching[item, way]:
             self._touching[item, way].append(strand)
 
-    def sort(self, bends: Callable[[], int]) -> None:
+    def sort(self, bends: Callable[[], int] | None) -> None:
         """Find the order in which few wires cross and bend.
 
         Args:
-            bends: sets heights, and counts the corners of all wires.
+            bends: sets heights, and counts the corners of all wires; None: only crossings count, and two sweeps do.
         """
         best: tuple[float, list[list[Item]], dict[Item, dict[str, list[str]]]] | None = None
         patience, least = _PATIENCE, 0
         self._number()
         signals = sum(map(len, self.strands.values()))
-        for sweep in range(max(2, min(_SWEEPS, _WORK // max(signals, 1)))):
+        sweeps = max(2, min(_SWEEPS, _WORK // max(signals, 1))) if bends else 2
+        for sweep in range(sweeps):
             if sweep:
                 self._sweep(rightwards=sweep % 2 == 1)
             for _ in range(_ROUNDS):
@@ -129,7 +130,9 @@ class Sorter:
                     break
             crossings = self._total()
             least = crossings if best is None else min(least, crossings)
-            now = CROSSING * crossings + bends() if crossings <= least + _MORE else float("inf")
+            now = CROSSING * crossings
+            if bends:
+                now = now + bends() if crossings <= least + _MORE else float("inf")
             if best is None or now < best[0]:
                 items = itertools.chain.from_iterable(self.columns)
                 sides = {item: {side: list(ports) for side, ports in item.ports.items()} for item in items}

@@ -40,14 +40,14 @@ def test_a_replay_is_one_self_contained_page(tmp_path, capfd, without_pictures, 
 
 
 @pytest.mark.slow
-def test_every_variant_has_its_own_page(tmp_path):
+def test_every_variant_has_its_own_page(tmp_path, without_pictures):
     fc.run("fig_2_7", overrides={"duration": 0.1}, out=tmp_path / "run", replay=True)
     pages = sorted(path.name for path in (tmp_path / "run").glob("replay*"))
     assert pages == [f"replay_K_I-{gain}-1-s.html" for gain in ("1.5", "3", "4.5")]
 
 
 @pytest.mark.slow
-def test_a_longer_run_has_more_frames(tmp_path):
+def test_a_longer_run_has_more_frames(tmp_path, without_pictures):
     sizes = []
     for duration in (0.1, 1.0):
         out = tmp_path / str(duration)
