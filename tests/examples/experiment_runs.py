@@ -38,12 +38,14 @@ class ExperimentRun:
 def fidelities_of(name: str) -> list[str]:
     """The fidelities that an experiment of a force loop can be built in.
 
-    A two-sided contact is for one dimension; one with a torque, or with boxes beside it in a variant, for bodies.
+    A two-sided contact is for one dimension; one with a torque, with a normal that turns, or with boxes beside it in a
+    variant, for bodies.
     """
     tree = find_scenario(name).tree
     environment = tree.get("station", {}).get("environment", {})
     every = [environment, *(variant.get("station.environment") for variant in tree.get("variants", {}).values())]
-    if any(getattr(each, "tag", None) in ("Patch", "Parts") for each in every):
+    turning = environment.get("surface", {}).get("turning")
+    if turning or any(getattr(each, "tag", None) in ("Patch", "Parts") for each in every):
         return ["Multibody"]
     return ["OneDimensional"] if environment.get("one_sided") is False else [*SHIPPED_FIDELITIES]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.errors import BadInputError
-from forcectl.force.guard.first_touch import touch_gain
+from forcectl.force.guard.first_touch import TURNS, touch_gain
 from forcectl.force.guard.guard import ControllerGuard
 from forcectl.force.guard.kernel import GuardLimits, estimate_of, largest_jump
 from forcectl.force.guard.passes import passes
@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 _LARGEST = 1e4  # [N] that a force can be where the range of a sensor is not known
 _MEASURED = 0.9  # of the range, up to which a force is still measured
 _PULL = 0.02  # of the range, below which the reading of a surface that cannot pull is implausible
-_TURNS = 0.03  # [s] from the first touch until sensor, estimate and drive turn a motion round
 _SETTLES = 0.08  # [s] after which, and the sensor's lag, a way of the command is worth its force
 _EXPLAINED = 0.1  # [s] for which a way of the command explains a rate of the force
 _FORGOTTEN = 2.0  # [s] after which energy that went into a surface counts for a third
@@ -92,8 +91,8 @@ class GuardConfig(Config):
             square=square,
             share=share,
             ahead=ahead,
-            turn=min(ahead, _TURNS + model.sensor_delay),
-            settle_own=1.0 - math.exp(-period / (_TURNS + model.sensor_delay)),
+            turn=min(ahead, TURNS + model.sensor_delay),
+            settle_own=1.0 - math.exp(-period / (TURNS + model.sensor_delay)),
             keep_own=math.exp(-period / _EXPLAINED),
             same=self.frozen_time / period if model.sensor_noise else math.inf,
             deeper=compliance * range_ * _DEEPER,
