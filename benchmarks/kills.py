@@ -25,7 +25,7 @@ import numpy as np
 # Found also when this file is run as a script, from a checkout.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from tests.examples.commands import RunningCommand, start_command
+from tests.examples.commands import RunningCommand, marked, start_command
 
 _LATEST = 5.0  # [s] at which a process may still be there
 _SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
@@ -46,16 +46,6 @@ _THEN = {  # what is done with what is left
     "tune": ["list", ".", "--clean"],
     "sweep": [*_COMMANDS["sweep"], "--resume"],
 }
-
-
-def marked(mark: str) -> list[int]:
-    """Processes that have a mark in the environment they were started with."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            if mark.encode() in (folder / "environ").read_bytes():
-                found.append(int(folder.name))
-    return found
 
 
 def filled(folder: Path) -> Path:

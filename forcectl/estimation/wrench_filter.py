@@ -19,12 +19,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
-from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import BasicVector, Context
 from scipy.linalg.lapack import dposv
 
 from forcectl.errors import BadInputError, invalid
@@ -208,11 +207,10 @@ class WrenchFilter(SampledBlock):
         }
         self.declare_memory(memory, inputs, Ts)
         self.show("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere")
-        block: Any = ref(self)
         self.DeclareVectorOutputPort(
             "wrench_covariance",
             36,
-            lambda context, output: output.SetFromVector(block()._covariance(context)),
+            self._put_covariance,
             prerequisites_of_calc=self._reads,
         )
 
@@ -280,11 +278,11 @@ class WrenchFilter(SampledBlock):
             **tare._asdict(),
         }
 
-    def _covariance(self, context: Context) -> Array:
+    def _put_covariance(self, context: Context, output: BasicVector) -> None:
         found = np.zeros((6, 6))
         every = self.memory(context)["covariance"].reshape(self._size, self._size)
         found[self._first :, self._first :] = every[: 6 - self._first, : 6 - self._first]
-        return found.ravel()
+        output.SetFromVector(found.ravel())
 
     def _tare(self, tare: Tare, found: Array, level: float) -> tuple[Array, Tare]:
         """The wrench after taring, shape (6,) [Nm, N], and what is known for the next tick."""

@@ -21,7 +21,7 @@ from forcectl.runs.claims.kept import VARIANTS
 from forcectl.runs.logs import read_netcdf
 from forcectl.runs.reproduce import InterruptedReproductionError
 from forcectl.runs.result import InterruptedRunError
-from tests.examples.commands import start_command
+from tests.examples.commands import marked, start_command
 from tests.runs.test_tune import record_file
 
 LOOP = "station: {fidelity: OneDimensional}\nduration: 1.0\nvariants: {one: {seed: 1}, two: {seed: 2}}\n"
@@ -118,16 +118,6 @@ COMMANDS = {
     "reproduce": ["reproduce", "loop.yaml", "--out", "here"],
     "tune": ["tune", "vrft", "record.csv", "--reference-model", "1.5", "--out", "here"],
 }
-
-
-def marked(mark: str) -> list[int]:
-    """Processes that have a mark in the environment they were started with."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            if mark.encode() in (folder / "environ").read_bytes():
-                found.append(int(folder.name))
-    return found
 
 
 def seconds_to_end(words: list[str], folder: Path, moment: float | None) -> tuple[float, Any]:

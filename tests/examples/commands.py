@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import runpy
@@ -85,6 +86,16 @@ def start_command(
 ) -> RunningCommand:
     """Start what `run_command` runs; arguments as there."""
     return RunningCommand(list(arguments), str(folder), dict(environment), list(paths), script and str(script))
+
+
+def marked(mark: str) -> list[int]:
+    """Processes that have a mark in the environment they were started with."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            if mark.encode() in (folder / "environ").read_bytes():
+                found.append(int(folder.name))
+    return found
 
 
 def _run(

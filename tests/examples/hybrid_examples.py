@@ -43,6 +43,12 @@ def wrench(t: float) -> np.ndarray:
 
 MOVED: dict[str, Input] = {"motor_position": swing, "unconstrained_reference": lambda t: swing(t) - swing(0.0)}
 TURNING: dict[str, Input] = {"task_normal": lambda t: np.array([np.sin(t), 0.0, np.cos(t)])}
+OF_A_FORCE = (  # feedthrough of hybrid control whose reference is a force along an axis
+    each("joint_position_command", "measured_wrench", "motor_position", "unconstrained_reference", "desired_force")
+    | each("near_singular", "measured_wrench", "motor_position", "unconstrained_reference", "desired_force")
+    | each("task_wrench", "measured_wrench", "motor_position")
+    | each("task_displacement", "measured_wrench", "motor_position", "desired_force")
+)
 ABOUT_X = DirectionConfig(law=IntegralConfig(), compliance=0.2)
 
 HYBRID_EXAMPLES: dict[type[System], list[Example]] = {
@@ -87,31 +93,13 @@ HYBRID_EXAMPLES: dict[type[System], list[Example]] = {
     Hybrid: [
         Example(
             lambda: hybrid(z=DirectionConfig(law=AdaptiveIntegralConfig()), rx=ABOUT_X),
-            each(
-                "joint_position_command",
-                "measured_wrench",
-                "motor_position",
-                "unconstrained_reference",
-                "desired_force",
-            )
-            | each("near_singular", "measured_wrench", "motor_position", "unconstrained_reference", "desired_force")
-            | each("task_wrench", "measured_wrench", "motor_position")
-            | each("task_displacement", "measured_wrench", "motor_position", "desired_force"),
+            OF_A_FORCE,
             MOVED | {"measured_wrench": wrench, "desired_force": 15.0},
             periods={"period": 0.002},
         ),
         Example(
             lambda: hybrid(fixed_in="surface", z=DirectionConfig()),
-            each(
-                "joint_position_command",
-                "measured_wrench",
-                "motor_position",
-                "unconstrained_reference",
-                "desired_force",
-            )
-            | each("near_singular", "measured_wrench", "motor_position", "unconstrained_reference", "desired_force")
-            | each("task_wrench", "measured_wrench", "motor_position")
-            | each("task_displacement", "measured_wrench", "motor_position", "desired_force"),
+            OF_A_FORCE,
             MOVED | {"measured_wrench": wrench, "desired_force": 15.0},
             periods={"period": 0.002},
         ),

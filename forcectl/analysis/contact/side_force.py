@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from forcectl.analysis.force_metrics import Step, overshoot, settling_time
-from forcectl.analysis.tables.task_tables import SIDE_FORCE_METRICS
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key
@@ -39,12 +38,11 @@ class SideForceAnalysis(Config):
         time, force = log["time"].values, log["body_contact_wrench"].values[:, 3:] @ unit_normal(self.axis)
         step = Step(first=0, end=len(time), time=float(time[0]), start=0.0, target=self.force)
         rest = force[-max(1, round(_AT_REST * len(force))) :]
-        found = {
+        return {
             "side_force_overshoot_pct": 100.0 * overshoot(force, step) / self.force,
             "side_force_settling_2pct_s": settling_time(time, force, step, 0.02),
             "side_force_error_N": float(np.mean(self.force - rest)),
         }
-        return dict.fromkeys(SIDE_FORCE_METRICS) | found
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """None of its own."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
-from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,7 +86,6 @@ class ControllerGuard(PythonBlock):
         block_state = self.DeclareDiscreteState(first)
         self._block = int(block_state)
         reads: set[Any] = {self.time_ticket(), self.discrete_state_ticket(block_state)}
-        block: Any = ref(self)
         if loops:
             loops_state = self.DeclareDiscreteState(NEW_LOOP * loops)
             self._memory = int(loops_state)
@@ -112,7 +110,7 @@ class ControllerGuard(PythonBlock):
         self._guarded = self.DeclareVectorOutputPort(
             "guarded",
             self._size + self._m * rates,
-            lambda context, output: output.SetFromVector(block().guarded(context)),
+            self.put_guarded,
             prerequisites_of_calc=reads,
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._hold)
@@ -137,16 +135,16 @@ class ControllerGuard(PythonBlock):
             memory = [number for each in every for number in read(*each)]
         output.SetFromVector(np.array(memory[DESIRED::LOOP] + memory[READING::LOOP] + memory))
 
-    def guarded(self, context: Context) -> Array:
+    def put_guarded(self, context: Context, output: BasicVector) -> None:
         """Guarded command, status, the memory after the tick, and the rate of the command."""
         state: Numbers = context.get_discrete_state(self._block).value().tolist()
         after = np.array(self._tick(context, state))
-        if not self._rate:
-            return after
-        rate = self._rate.Eval(context)
-        if after[self._m] or not all_finite(rate):
-            rate = (after[: self._m] - state[: self._m]) / self._limits.period
-        return np.concatenate([after, rate])
+        if self._rate:
+            rate = self._rate.Eval(context)
+            if after[self._m] or not all_finite(rate):
+                rate = (after[: self._m] - state[: self._m]) / self._limits.period
+            after = np.concatenate([after, rate])
+        output.SetFromVector(after)
 
     def _tick(self, context: Context, state: Numbers) -> Numbers:
         """The state after the tick; between ticks, that of the last one."""

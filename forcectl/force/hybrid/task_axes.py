@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.framework.block import PythonBlock
-from forcectl.framework.kernels import cross
+from forcectl.framework.kernels import cross, cross_matrix
 from forcectl.robot.model import RobotModel, posture_cache
 
 Array = NDArray[np.float64]
@@ -59,8 +59,7 @@ class TaskAxes:
 
 def shortest_turn(start: Array, end: Array) -> Array:
     """The rotation that takes one unit vector to another about the axis across both, shape (3, 3)."""
-    x, y, z = cross(start, end)
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    across = cross_matrix(cross(start, end))
     turn: Array = np.eye(3) + across + across @ across / (1.0 + start @ end)
     return turn
 

@@ -19,7 +19,7 @@ from forcectl.force.sensor_lag import SensorLag, sensor_model
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import export_all_outputs
-from forcectl.plant.compliance import robot_compliance
+from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
 from forcectl.robot.model import JointLimits, unit_normal
@@ -184,7 +184,6 @@ class InvarianceRobotConfig(Config):
 def _robot_compliance(model: PlantModel) -> Array:
     """Compliance of the TCP at the start, shape (3, 3) [m/N], scaled to the C_R that the model has along n."""
     robot = model.known_robot()
-    whole = robot_compliance(robot, robot.context_at(model.start), robot.joint_stiffness)[3:, 3:]
-    along = float(model.n @ whole @ model.n)
-    scaled: Array = whole * (model.robot_compliance.item() / along)
+    whole = robot_compliance(robot, robot.context_at(model.start), robot.joint_stiffness)
+    scaled: Array = whole[3:, 3:] * (model.robot_compliance.item() / compliance_along(model.n, whole))
     return scaled

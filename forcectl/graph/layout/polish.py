@@ -36,16 +36,18 @@ def polish(sorter: Sorter, hops: Iterable[Crossing], bends: Callable[[], int]) -
     for chain in _chains(ordered):
         least = _lead(sorter, *chain, least, bends)
     tries, improved = _TRIES, True
-    while improved:
+    while improved and tries:
         improved = False
         for pairs in _exchanges(sorter, ordered):
+            if not tries:
+                break
             done: _Pairs = []
             more = 0
             for upper, lower in pairs:
                 if upper.row + 1 == lower.row:
                     more += sorter.swapped(sorter.columns[upper.rank], upper, lower.row)
                     done.append((upper, lower))
-            if done and more <= _MORE and tries:
+            if done and more <= _MORE:
                 tries -= 1
                 now = bends()
                 if now + CROSSING * more < least:
@@ -109,14 +111,9 @@ def _lead(sorter: Sorter, net: int, chain: list[Item], bent: int, bends: Callabl
         column.remove(item)
         for row, other in enumerate(column):
             other.row = 2 * row + 1  # slot number n is row 2 n
-    simple = [
-        [(other.left[0].at, other.right[0].at) for other in strands if other.simple and strands_own.simple]
-        for strands, strands_own in ((others[n], channels[n][net]) for n in range(len(channels)))
-    ]
-    rest = [
-        [other for other in strands if not (other.simple and channels[n][net].simple)]
-        for n, strands in enumerate(others)
-    ]
+    beside = [(strands[net].simple, several) for strands, several in zip(channels, others, strict=True)]
+    simple = [[(one.left[0].at, one.right[0].at) for one in several if own and one.simple] for own, several in beside]
+    rest = [[one for one in several if not (own and one.simple)] for own, several in beside]
 
     def crossed_now(channel: int) -> int:
         """As `crossed`, where nothing but this wire moves."""
