@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from forcectl.analysis.findings.finding import KINDS, RunFinding
-from forcectl.analysis.findings.force import Pressing, force_findings
+from forcectl.analysis.findings.force import force_findings
 from forcectl.analysis.findings.guard import guard_findings
 from forcectl.analysis.findings.joints import joint_findings, task_findings
+from forcectl.analysis.findings.pressing import Pressing
 from forcectl.analysis.slot import surfaces
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
@@ -68,6 +69,9 @@ class FindingsConfig(Config):
         filtered = all(getattr(sensor, "bandwidth", np.inf) * setting.workcell.period < 1 for sensor in sensors)
         truth = setting.truth
         compliances = truth.robot_compliance + truth.environment_compliance
-        for (label, one), compliance in zip(surfaces(log), compliances, strict=True):
-            for each in force_findings(Pressing.of(one, float(compliance), motion), ranges, self, filtered):
+        contacts = setting.workcell.contacts
+        for (label, one), compliance, contact in zip(surfaces(log), compliances, contacts, strict=True):
+            even = contact.surface is not None and contact.surface.even
+            pressing = Pressing.of(one, float(compliance), motion, even)
+            for each in force_findings(pressing, ranges, self, filtered):
                 yield replace(each, text=f"{label[:-1]}: {each.text}") if label else each

@@ -70,7 +70,10 @@ KINDS: dict[str, Kind] = {
         Severity.ERROR, "the tool left the surface while a force was wanted, and for longer than a bounce"
     ),
     "contact_bounced": Kind(Severity.WARNING, "the tool left the surface for a moment while a force was wanted"),
-    "no_contact": Kind(Severity.ERROR, "a force was wanted, and the tool never touched the surface"),
+    "no_contact": Kind(
+        Severity.ERROR, "a force was wanted, and the tool never touched the surface, or no law regulated it"
+    ),
+    "touched_again": Kind(Severity.INFO, "a first touch bounced or went back a step, before the force law took over"),
     "force_too_high": Kind(Severity.ERROR, "the true force was above the stated maximum"),
     "unstable": Kind(
         Severity.ERROR,
@@ -78,7 +81,11 @@ KINDS: dict[str, Kind] = {
     ),
     "limit_cycle": Kind(
         Severity.WARNING,
-        "the true force keeps swinging under a constant reference; an error where it swings by more than half of that",
+        "the true force keeps swinging under a constant reference, at rest or in motion along an even surface; an "
+        "error where it swings by more than half of that",
+    ),
+    "swings_beside_reference": Kind(
+        Severity.WARNING, "the true force swings more often, or much further, than its varying reference"
     ),
     "force_disturbed": Kind(
         Severity.WARNING, "the true force had settled, and was taken off its constant reference by more than a fifth"

@@ -300,8 +300,12 @@ class SurfaceConfig(Config, in_batches=True):
     @property
     def flat(self) -> bool:
         """Whether the surface is the plane through the start, perpendicular to n: touched, even, at rest."""
-        smooth = (self.materials is None or self.materials.flat) and not self.moves
-        return smooth and self.slope == 0 and self.gap == 0 and not self.heights
+        return self.even and self.slope == 0 and self.gap == 0
+
+    @property
+    def even(self) -> bool:
+        """Whether the surface is a plane at rest, of one material: a force along it has no reason to change."""
+        return (self.materials is None or self.materials.flat) and not self.moves and not self.heights
 
     @property
     def uniform(self) -> bool:

@@ -11,7 +11,8 @@ import pytest
 import forcectl as fc
 from forcectl.analysis.findings import FindingsConfig
 from forcectl.analysis.findings.finding import KINDS, RunFinding, Severity
-from forcectl.analysis.findings.force import Pressing, force_findings
+from forcectl.analysis.findings.force import force_findings
+from forcectl.analysis.findings.pressing import Pressing
 from forcectl.force.invariance.force_law import AdaptiveInvarianceConfig
 from forcectl.force.linear_law import VrftConfig
 from forcectl.motion.references import RampConfig, SequenceConfig, SineConfig
@@ -127,6 +128,7 @@ def judged(true: Any, **changes: Any) -> list[RunFinding]:
     """Findings of a made-up true force under a reference of 10 N that the sensor shows as it is."""
     flat = np.full_like(TIME, 10.0)
     log = {"desired": flat, "measured": true, "true": true, "command": None, "motors": {}, "closed": flat > 0}
+    log |= {"regulated": flat > 0, "sliding": flat < 0}
     log["contact"] = np.fromiter(accumulate(true[:-1], next_state, initial=ContactMode.APPROACH), float)
     log |= {"time": TIME, "compliance": 1e-4, **changes}
     return list(force_findings(Pressing(**log), [100.0], FindingsConfig()))

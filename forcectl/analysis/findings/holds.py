@@ -1,0 +1,203 @@
+"""Findings of the force under a constant reference and under one that varies: whether it comes to rest, or swings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from forcectl.analysis.findings.finding import RunFinding, Severity, finding
+from forcectl.analysis.findings.pressing import Mask, Pressing, Signal, lasts, percent, times
+from forcectl.analysis.findings.swings import Swinging, rests, swinging, turning_points
+from forcectl.analysis.stretches import stretches
+
+if TYPE_CHECKING:
+    from forcectl.analysis.findings.config import FindingsConfig
+
+_TOUCH = 0.02  # of the reference, above which a contact is made that can be lost
+_TAIL = 0.5  # of a hold of the reference, whose end is looked at
+_LONG = 1.0  # [s] of a hold in the course of a run, whose end is looked at
+_END = 0.1  # of a hold, over which the force is to be settled
+_WIDE = 0.1  # of the reference, from peak to peak, of a swing that counts in motion and beside a varying reference
+_FURTHER = 1.5  # times the reference, that the force may swing
+_SWINGS = 4  # that make a limit cycle: two periods
+_GROWING = 6  # swings that tell growth from chance
+_WILD = 0.5  # of the reference, from which on swings to both sides are an error
+_DISTURBED = 0.2  # of the reference, by which a force that had settled is taken off it
+_APPROACHING = 0.9  # share that the error falls to over the last tenths of a hold, where the force is on its way
+
+
+def hold_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
+    """What is found in the holds of the reference: of each kind the worst, with the hold where there are several."""
+    holds = _holds(log)
+    found: dict[str, list[tuple[slice, RunFinding]]] = {}
+    for hold in holds:
+        for one in _hold(log, hold, config):
+            found.setdefault(one.kind, []).append((hold, one))
+    only = len(holds) == 1 and holds[0].stop == len(log.time)
+    for kind in found.values():
+        hold, worst = max(kind, key=lambda each: each[1].severity)
+        if only:
+            yield worst
+            continue
+        begin, end = float(log.time[hold.start - 1]), float(log.time[hold.stop - 1])
+        where = f"in the hold of {log.desired[hold][0]:.4g} N from {begin:.4g} s to {end:.4g} s"
+        others = f" and in {len(kind) - 1} other{'s' * (len(kind) > 2)}" if len(kind) > 1 else ""
+        yield replace(worst, text=f"{worst.text}, {where}{others}")
+
+
+def _holds(log: Pressing) -> list[slice]:
+    """Where the reference is constant and above zero in a closed loop at rest: for long, or to the end of the run."""
+    same = np.concatenate([[False], np.diff(log.desired) == 0]) & log.closed & (log.desired > 0)
+    return [part for part in stretches(same) if part.stop == len(same) or lasts(log.time, part) >= _LONG]
+
+
+def moving_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
+    """Swings that no change explains: in motion along an even surface, and beside a reference that varies."""
+    found: list[RunFinding] = []
+    same = np.concatenate([[False], np.diff(log.desired) == 0]) & (log.desired > 0)
+    for part in _long(log, log.sliding & same):
+        time, true, wanted = log.time[part], log.true[part], float(log.desired[part.start])
+        swings = swinging(time, true, _WIDE * wanted, _SWINGS)
+        if swings is not None:
+            one = _swings(swings, time, true, wanted, config)
+            found.append(replace(one, text=f"{one.text}, in motion along the surface"))
+    varies = np.concatenate([[False], np.diff(log.desired) != 0]) & (log.desired > 0)
+    for part in _long(log, (log.closed | log.sliding) & varies):
+        found += _beside(log, part)
+    for kind in dict.fromkeys(one.kind for one in found):
+        yield max((one for one in found if one.kind == kind), key=lambda one: one.severity)
+
+
+def _beside(log: Pressing, part: slice) -> Iterator[RunFinding]:
+    """Whether the force, in the later half of a stretch, does more than its varying reference."""
+    later = slice((part.start + part.stop) // 2, part.stop)
+    time, true, wanted = log.time[later], log.true[later], log.desired[later]
+    least = _WIDE * float(wanted.mean())
+    turns, own = (len(turning_points(each, least)) for each in (true, wanted))
+    far, range_ = float(np.ptp(true)), float(np.ptp(wanted))
+    if turns - own >= _SWINGS:
+        text = f"the true force turns round {turns} times by at least {least:.3g} N, its reference {times(own)}"
+    elif far > max(_FURTHER * range_, least):
+        text = f"the true force swings by {far:.3g} N from peak to peak, its reference by {range_:.3g} N"
+    else:
+        return
+    begin, end = float(time[0]), float(time[-1])
+    yield finding("swings_beside_reference", f"{text}, from {begin:.3g} s to {end:.3g} s", begin)
+
+
+def _long(log: Pressing, here: Mask) -> list[slice]:
+    return [part for part in stretches(here) if lasts(log.time, part) >= _LONG]
+
+
+def _hold(log: Pressing, hold: slice, config: FindingsConfig) -> Iterator[RunFinding]:
+    """Whether the force comes to rest at a constant reference."""
+    time, true, wanted = log.time[hold], log.true[hold], float(log.desired[hold][0])
+    tail = slice(int(np.searchsorted(time, time[-1] - _TAIL * (time[-1] - time[0]))), len(time))
+    found = swinging(time, true, config.swing_share * wanted, _SWINGS)
+    if found is not None:
+        yield _swings(found, time, true, wanted, config)
+    elif log.command is not None:
+        yield from _chatter(time[tail], log.command[hold][tail], wanted, log.compliance, config)
+    yield from _sticking(log, slice(hold.start + tail.start, hold.stop), wanted, config)
+    if found is None:
+        yield from _disturbed(time, wanted - true, wanted, config)
+        yield from _settled(time, wanted - true, wanted, config, "run" if hold.stop == len(log.time) else "hold")
+
+
+def _swings(found: Swinging, time: Signal, true: Signal, wanted: float, config: FindingsConfig) -> RunFinding:
+    """A limit cycle, or an unstable loop: its swings grow, or nothing but the loss of contact keeps them from it."""
+    grows = found.swings >= _GROWING and found.growth > config.growth
+    half = time >= (found.begin + time[-1]) / 2
+    losses, periods = len(stretches(half & (true == 0.0))), float(time[-1] - time[half][0]) / found.period
+    leaves = 2 * losses >= periods
+    text = (
+        f"the true force {'swings more and more' if grows else 'keeps swinging'}, by +-{found.amplitude:.3g} N "
+        f"({percent(found.amplitude / wanted)} of the reference) with a period of {found.period:.3g} s"
+    )
+    if grows:
+        return finding("unstable", f"unstable: {text}", found.begin)
+    if leaves:
+        return finding("unstable", f"unstable: {text}: only the loss of contact bounds it", found.begin)
+    cycle = finding("limit_cycle", f"limit cycle: {text}", found.begin)
+    return replace(cycle, severity=Severity.ERROR) if found.amplitude > _WILD * wanted else cycle
+
+
+def _disturbed(time: Signal, error: Signal, wanted: float, config: FindingsConfig) -> Iterator[RunFinding]:
+    """Whether a force that had settled is taken far off a constant reference."""
+    calm = [
+        part
+        for part in stretches(np.abs(error) <= config.settled_share * wanted)
+        if lasts(time, part) >= config.saturated
+    ]
+    if not calm or (error > (1 - _TOUCH) * wanted)[calm[0].stop :].any():  # a contact that is lost is told as such
+        return
+    later = np.abs(error[calm[0].stop :])
+    if later.max(initial=0.0) > _DISTURBED * wanted:
+        begin = float(time[calm[0].stop])
+        text = f"the force had settled, and is then up to {later.max():.3g} N off its constant reference"
+        yield finding("force_disturbed", f"{text}, from {begin:.3f} s on", begin)
+
+
+def _settled(time: Signal, error: Signal, wanted: float, config: FindingsConfig, what: str) -> Iterator[RunFinding]:
+    """Whether the force is within its band at the end of a hold, unless that is too short to tell.
+
+    Args:
+        time: of the hold [s].
+        error: reference minus true force [N].
+        wanted: reference [N].
+        config: thresholds.
+        what: ends with the hold: "run" or "hold".
+    """
+    if len(time) < round(1 / _END):
+        return
+    begin, last = (int((1 - share) * len(time)) for share in (2 * _END, _END))
+    off = float(np.abs(error[last:]).max(initial=0.0))
+    if off <= config.settled_share * wanted:
+        return
+    text = (
+        f"not settled: at the end of the {what} the true force is {wanted - error[-1]:.4g} N, up to {off:.3g} N off "
+        f"its reference in the last tenth of {time[-1] - time[0]:.3g} s"
+    )
+    same_side = (error[begin:] > 0).all() or (error[begin:] < 0).all()
+    if same_side and np.abs(error[last:]).mean() < _APPROACHING * np.abs(error[begin:last]).mean():
+        text = f"{text}, and on its way: a longer {what} would tell"
+        yield RunFinding("not_settled", Severity.INFO, text, float(time[-1]))
+    else:
+        yield finding("not_settled", text, float(time[-1]))
+
+
+def _sticking(log: Pressing, tail: slice, wanted: float, config: FindingsConfig) -> Iterator[RunFinding]:
+    """The joints that stick and let go, each time to another force, late under a constant reference."""
+    time, true, found = log.time[tail], log.true[tail], {}
+    for name, motor in log.motors.items():
+        parts = rests(time, motor[tail], config.stuck)
+        forces = np.array([true[part].mean() for part in parts])
+        jumps = np.flatnonzero(np.abs(np.diff(forces)) >= config.swing_share * wanted)
+        if len(jumps) + 1 >= max(config.releases, 2):
+            found[name] = (len(jumps) + 1, float(time[parts[jumps[0]].stop]))
+    if found:
+        most, begin = max(count for count, _ in found.values()), min(begin for _, begin in found.values())
+        who = f"{', '.join(found)} {'sticks and lets' if len(found) == 1 else 'stick and let'} go"
+        yield finding("stick_slip", f"{who} up to {most} times under a constant reference", begin)
+
+
+def _chatter(
+    time: Signal, command: Signal, wanted: float, compliance: float, config: FindingsConfig
+) -> Iterator[RunFinding]:
+    least = config.chatter_share * wanted * compliance
+    points = turning_points(command, least)
+    if len(points) < 2:
+        return
+    rate = (len(points) - 1) / float(time[-1] - time[0])
+    if rate >= config.chatter_rate:
+        swing, step = float(np.abs(np.diff(command[points])).mean()), float(np.median(np.diff(time)))
+        jerk = float(np.sqrt(np.mean(np.diff(command, 3) ** 2))) / step**3
+        yield finding(
+            "chatter",
+            f"the displacement command chatters at rest: it turns round {rate:.3g} times a second, by "
+            f"{1e6 * swing:.3g} um each, with a jerk of {jerk:.3g} m/s^3 root mean square",
+            float(time[points[0]]),
+        )

@@ -1,0 +1,99 @@
+"""The signals that the findings of a force loop are made from."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.force.approach import ApproachMode
+
+Signal = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class Pressing(NamedTuple):
+    """The signals of one surface, shapes (k,).
+
+    Attributes:
+        time: [s].
+        desired, measured, true: forces [N].
+        contact: state of the contact, see `ContactMode`; None of a station that does not put it out.
+        command: displacement [m]; None where it is not logged.
+        motors: positions of the motors by the names of the joints [rad].
+        regulated: whether the force law is in charge: tuned, and past the first touch.
+        closed: whether it is, and the tool is not in motion along the surface.
+        sliding: whether it is, and the tool is in motion along an even surface.
+        compliance: C_T [m/N].
+        estimate: C_E_hat [m/N]; None of a law that learns none.
+    """
+
+    time: Signal
+    desired: Signal
+    measured: Signal
+    true: Signal
+    contact: Signal | None
+    command: Signal | None
+    motors: dict[str, Signal]
+    regulated: Mask
+    closed: Mask
+    sliding: Mask
+    compliance: float
+    estimate: Signal | None = None
+
+    @classmethod
+    def of(cls, log: Any, compliance: float, motion: tuple[float, float] | None, even: bool) -> Pressing:
+        """From the log of one surface.
+
+        Args:
+            log: over time.
+            compliance: C_T [m/N].
+            motion: begin and end of the motion along the surface [s].
+            even: whether the surface is of one material, at rest, without heights but a slope.
+        """
+        time = log["time"].values
+        regulated = np.ones(len(time), dtype=bool)
+        if "mode" in log and "controller_output" in log:  # a law that is tuned by an excitation before it takes over
+            regulated &= log["mode"].values > 0
+        if "approach_mode" in log:  # a guarded move that hands over to the law
+            regulated &= log["approach_mode"].values == ApproachMode.CONTACT
+        begin, end = motion or (np.inf, np.inf)
+        moves = (begin <= time) & (time <= end)
+        desired, measured, true = (log[f"{name}_force"].values for name in ("desired", "measured", "contact"))
+        command = log["displacement_command"].values if "displacement_command" in log else None
+        motors = {}
+        if "motor_position" in log:
+            names = [str(name) for name in log["joint"].values]
+            motors = dict(zip(names, log["motor_position"].values.T, strict=True))
+        estimate = log["environment_compliance"].values if "environment_compliance" in log else None
+        contact = log["contact_state"].values if "contact_state" in log else None
+        closed, sliding = regulated & ~moves, regulated & moves & even
+        return cls(
+            time, desired, measured, true, contact, command, motors, regulated, closed, sliding, compliance, estimate
+        )
+
+
+def lasts(time: Signal, part: slice) -> float:
+    """Time from the first to the last sample [s]."""
+    return float(time[part.stop - 1] - time[part.start])
+
+
+def spent(time: Signal, here: Mask) -> float:
+    """Time at which it is so [s]: a sample counts until the next one."""
+    return float(np.sum(np.diff(time, append=2 * time[-1] - time[-2] if len(time) > 1 else time[-1])[here]))
+
+
+def first_time(log: Pressing, here: Mask) -> float:
+    """Time of the first sample at which it is so [s]."""
+    return float(log.time[int(np.argmax(here))])
+
+
+def percent(share: float) -> str:
+    """A share in per cent, in words."""
+    return f"{100 * share:.0f} %" if share > 0.1 else f"{100 * share:.2g} %"
+
+
+def times(count: int) -> str:
+    """How often, in words."""
+    return "once" if count == 1 else f"{count} times"
