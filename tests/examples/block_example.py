@@ -31,7 +31,7 @@ class Example:
 
     @cached_property
     def block(self) -> System:
-        """The block, built once, for questions about its ports; what is simulated is built anew."""
+        """The block, built once; what is simulated has a context of its own."""
         return self.build()
 
 

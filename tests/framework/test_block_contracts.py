@@ -191,7 +191,7 @@ def test_docstring_tells_the_sampling(kind):
     assert bool(doc.periods) != doc.sampling.startswith("none;"), f"neither none nor a period: {doc.sampling!r}"
     defaults = {name: parameter.default for name, parameter in inspect.signature(kind).parameters.items()}
     for example in EXAMPLES[kind]:
-        block = example.build()
+        block = example.block
         stated = {name: example.periods.get(name, defaults.get(name)) for name in doc.periods}
         assert set(example.periods) <= set(stated), "the example has a period that the docstring does not name"
         assert inspect.Parameter.empty not in stated.values(), "the example has to give the period"
@@ -228,8 +228,8 @@ def test_feedthrough(kind, example):
 
 @pytest.mark.parametrize(("kind", "example"), CASES)
 def test_everything_remembered_is_in_the_context(kind, example):
-    system = (example.runnable or example.build)()
-    assert_same_after_reset_and_clone(system, duration=0.05, period=0.001, inputs=example.inputs)
+    system = example.runnable() if example.runnable else example.block
+    assert_same_after_reset_and_clone(system, duration=0.03, period=0.001, inputs=example.inputs)
 
 
 # --- parameters of the batch blocks -----------------------------------------------------------------------------------
