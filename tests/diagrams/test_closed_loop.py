@@ -43,11 +43,11 @@ def values(log: xr.Dataset, name: str, start: float = 0.0, end: float = np.inf) 
 
 
 def pulled_away(fidelity: str, damping: float, duration: float) -> dict[str, np.ndarray]:
-    """Signals of a loop whose robot is sent 8 mm off the surface from 2 s to 3 s, behind the controller's back."""
+    """Signals of a loop whose robot is sent 8 mm off the surface from 1 s to 1.8 s, behind the controller's back."""
     environment = EnvironmentConfig(stiffness=SPRINGS, damping=damping)
     workcell = describe(pressing(fidelity=fidelity, environment=environment, force_sensor=quiet_sensor()))
     away = 8e-3 * workcell.contact.direction
-    path = held_trajectory([0.0, 2.0, 3.0], np.array([0 * away, away, 0 * away]).T)
+    path = held_trajectory([0.0, 1.0, 1.8], np.array([0 * away, away, 0 * away]).T)
     builder = DiagramBuilder()
     force = builder.AddNamedSystem("desired", ConstantVectorSource([FORCE]))
     rest = builder.AddNamedSystem("motion", ConstantVectorSource(np.zeros(len(away))))
@@ -75,31 +75,37 @@ def pulled_away(fidelity: str, damping: float, duration: float) -> dict[str, np.
     return {name: log.data()[0] for name, log in logs.items()} | {"time": logs["contact_force"].sample_times()}
 
 
-@pytest.mark.slow
-@every_fidelity
-@pytest.mark.parametrize("damping_time", [pytest.param(0.0, marks=pytest.mark.slow), 0.02])
+@pytest.mark.parametrize(
+    ("fidelity", "damping_time"),
+    [
+        ("OneDimensional", 0.0),
+        ("Kinematic", 0.02),
+        pytest.param("Multibody", 0.0, marks=pytest.mark.slow),
+        pytest.param("Multibody", 0.02, marks=pytest.mark.slow),
+    ],
+)
 def test_a_robot_sent_away_loses_contact_and_finds_it_again(fidelity: str, damping_time: float) -> None:
-    log = pulled_away(fidelity, damping_time * SPRINGS, 7.0)
+    log = pulled_away(fidelity, damping_time * SPRINGS, 5.0)
     time = log["time"]
-    touching, gone = (time > 0.3) & (time < 2.0), (time > 2.4) & (time < 2.9)
+    touching, gone = (time > 0.3) & (time < 1.0), (time > 1.4) & (time < 1.79)
     assert (log["contact_state"][touching] == ContactMode.CONTACT).all()
     assert not log["contact_force"][gone].any()
     assert (log["contact_state"][gone] == ContactMode.LOST).all()
     assert abs(log["measured_force"][gone][-1]) < 0.05
     # The law went on pressing meanwhile: it comes back hard, but the contact never pulls, and the force settles.
     assert (log["contact_force"] >= 0).all()
-    assert (log["contact_state"][time > 3.5] == ContactMode.CONTACT).all()
+    assert (log["contact_state"][time > 2.3] == ContactMode.CONTACT).all()
     lost = log["contact_state"] == ContactMode.LOST
     assert log["contact_losses"][-1] == np.count_nonzero(np.diff(lost.astype(int)) == 1) >= 1
-    assert log["contact_force"][time > 3.0].max() > FORCE
+    assert log["contact_force"][time > 1.8].max() > FORCE
     assert log["contact_force"][-1] == pytest.approx(FORCE, rel=0.02)
 
 
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", pytest.param("Multibody", marks=pytest.mark.slow)])
 def test_zero_force_lifts_off_no_further_than_needed_and_the_next_step_is_as_good(fidelity: str) -> None:
-    reference = SequenceConfig(times=[0.0, 2.5, 5.0], forces=[FORCE, 0.0, FORCE])
-    log = simulate(fidelity, 7.5, reference=reference, controller__integral_gain=1.5)
-    first, between, second = (values(log, "measured_force", *span) for span in ((0, 2.5), (4.8, 5.0), (5.0, 7.5)))
+    reference = SequenceConfig(times=[0.0, 2.0, 4.0], forces=[FORCE, 0.0, FORCE])
+    log = simulate(fidelity, 6.0, reference=reference, controller__integral_gain=2.0)
+    first, between, second = (values(log, "measured_force", *span) for span in ((0, 2.0), (3.8, 4.0), (4.0, 6.0)))
     assert np.abs(between).max() < 0.3
     assert values(log, "contact_force").min() >= 0
     assert second.max() == pytest.approx(first.max(), rel=0.05)
@@ -111,21 +117,23 @@ def test_zero_force_lifts_off_no_further_than_needed_and_the_next_step_is_as_goo
 
 @pytest.mark.parametrize("fidelity", ["Kinematic", pytest.param("Multibody", marks=pytest.mark.slow)])
 def test_moving_along_the_surface_keeps_the_force(fidelity: str) -> None:
-    motion = {"direction": [1.0, 0.0, 0.0], "distance": 0.02, "speed": 0.01, "start_time": 2.0}
-    log = simulate(fidelity, 5.0, {"motion": motion, "reference": {"force": FORCE}})
-    still, moving = values(log, "measured_force", 1.9, 2.0), values(log, "measured_force", 2.0, 4.5)
+    motion = {"direction": [1.0, 0.0, 0.0], "distance": 0.01, "speed": 0.01, "start_time": 2.0}
+    log = simulate(fidelity, 3.8, {"motion": motion, "reference": {"force": FORCE}})
+    still, moving = values(log, "measured_force", 1.9, 2.0), values(log, "measured_force", 2.0, 3.5)
     assert still == pytest.approx(FORCE, rel=0.02)
     assert np.abs(moving - FORCE).max() < 0.1 * FORCE
     assert values(log, "measured_force")[-1] == pytest.approx(FORCE, rel=0.02)
     assert (values(log, "contact_state", 0.5) == ContactMode.CONTACT).all()
 
 
-@pytest.mark.parametrize("fidelity", ["Kinematic", "Multibody"])
-@pytest.mark.parametrize("normal", [pytest.param([0.0, 0.0, 1.0], marks=pytest.mark.slow), [1.0, 0.0, 1.0]])
+@pytest.mark.parametrize(
+    ("fidelity", "normal"),
+    [("Kinematic", [0.0, 0.0, 1.0]), ("Kinematic", [1.0, 0.0, 1.0]), ("Multibody", [1.0, 0.0, 1.0])],
+)
 def test_the_tool_goes_where_the_motion_sends_it(fidelity: str, normal: list[float]) -> None:
     along = np.array([0.0, 1.0, 0.0])
     motion = {"direction": along.tolist(), "distance": 0.02, "speed": 0.02, "start_time": 0.5}
-    log = simulate(fidelity, 3.0, {"motion": motion}, station__normal=normal)
+    log = simulate(fidelity, 2.2, {"motion": motion}, station__normal=normal)
     workcell = describe(StationConfig(fidelity=fidelity, normal=normal))
     context = workcell.robot.create_context()
     workcell.robot.set_positions(context, workcell.motor_start)
@@ -143,14 +151,13 @@ def test_the_tool_goes_where_the_motion_sends_it(fidelity: str, normal: list[flo
 
 
 @every_fidelity
-@pytest.mark.parametrize("error", [0.8, 1.25])
-@pytest.mark.parametrize("stiffness", [SPRINGS, pytest.param(5e4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("error", "stiffness"), [(0.8, SPRINGS), (1.25, 5e4)])
 def test_adaptive_controller_learns_the_compliance_of_the_environment(
     fidelity: str, error: float, stiffness: float
 ) -> None:
     controller = AdaptiveIntegralConfig(compliance_error=error, integral_gain=1.5)
     log = simulate(
-        fidelity, 3.5, controller=controller, station__environment__stiffness=stiffness, station__normal=[0.0, 0.0, 1.0]
+        fidelity, 3.0, controller=controller, station__environment__stiffness=stiffness, station__normal=[0.0, 0.0, 1.0]
     )
     estimate = values(log, "environment_compliance") * stiffness
     assert estimate[0] == pytest.approx(error)
@@ -161,15 +168,16 @@ def test_adaptive_controller_learns_the_compliance_of_the_environment(
 
 @pytest.mark.parametrize("fidelity", ["OneDimensional", pytest.param("Kinematic", marks=pytest.mark.slow)])
 def test_after_learning_a_second_step_is_that_of_the_known_compliance(fidelity: str) -> None:
-    reference = SequenceConfig(times=[0.0, 5.0], forces=[FORCE, 25.0])
+    start = 2.5  # of the second step [s]
+    reference = SequenceConfig(times=[0.0, start], forces=[FORCE, 25.0])
     changes = {"reference": reference, "station__drive__servo__ideal": True, "station__sensors__force": quiet_sensor()}
-    known = simulate(fidelity, 8.0, controller=IntegralConfig(integral_gain=3.0), **changes)
+    known = simulate(fidelity, start + 1.5, controller=IntegralConfig(integral_gain=3.0), **changes)
     for error in (0.8, 1.25):
         controller = AdaptiveIntegralConfig(integral_gain=3.0, compliance_error=error)
-        learned = simulate(fidelity, 8.0, controller=controller, **changes)
+        learned = simulate(fidelity, start + 1.5, controller=controller, **changes)
         first, second = (
             np.abs(values(learned, "measured_force", *span) - values(known, "measured_force", *span)).max()
-            for span in ((0.0, 5.0), (5.0, 8.0))
+            for span in ((0.0, start), (start, np.inf))
         )
         assert second < 0.02 * 10.0
         assert first > second
@@ -181,15 +189,15 @@ def test_after_learning_a_second_step_is_that_of_the_known_compliance(fidelity: 
 @every_fidelity
 def test_limited_command_holds_and_does_not_wind_up(fidelity: str) -> None:
     # 1.5 mm into the springs are about 8 N; the reference asks for 15 N, then for 4 N.
-    reference = SequenceConfig(times=[0.0, 2.5], forces=[FORCE, 4.0])
+    reference = SequenceConfig(times=[0.0, 1.2], forces=[FORCE, 4.0])
     limit = 1.5e-3
     controller = IntegralConfig(integral_gain=3.0, lower_limit=-limit)
-    log = simulate(fidelity, 4.5, reference=reference, controller=controller, preset="linear")
+    log = simulate(fidelity, 2.7, reference=reference, controller=controller, preset="linear")
     command, force = values(log, "displacement_command"), values(log, "measured_force")
     assert command.min() == pytest.approx(-limit)
     stiffness = 1 / (1 / SPRINGS + describe(StationConfig(fidelity=fidelity)).contact.robot_compliance)
-    assert values(log, "measured_force", 2.4, 2.5) == pytest.approx(limit * stiffness, rel=0.02)
+    assert values(log, "measured_force", 1.1, 1.2) == pytest.approx(limit * stiffness, rel=0.02)
     # A wound-up integral would keep pressing; this one leaves the limit in the first tick after the step.
-    after = values(log, "displacement_command", 2.5, 2.51)
+    after = values(log, "displacement_command", 1.2, 1.21)
     assert after[2] > -limit
     assert force[-1] == pytest.approx(4.0, rel=0.03)

@@ -49,11 +49,15 @@ def percent_apart(a: np.ndarray, b: np.ndarray) -> float:
 
 
 CASES = [(3.0, SPRINGS, VERTICAL), (1.5, 5e4, OBLIQUE)]
+SKEW = (0.3, -0.8, 0.5)
+# A slow and a fast loop on each stiffness, each normal with both of them.
 MORE_CASES = [
-    (gain, stiffness, normal)
-    for gain in (1.5, 6.0)
-    for stiffness in (SPRINGS, 2e5, 1e6)
-    for normal in (VERTICAL, OBLIQUE, (0.3, -0.8, 0.5))
+    (1.5, SPRINGS, SKEW),
+    (1.5, 2e5, VERTICAL),
+    (1.5, 1e6, OBLIQUE),
+    (6.0, SPRINGS, OBLIQUE),
+    (6.0, 2e5, SKEW),
+    (6.0, 1e6, VERTICAL),
 ]
 
 
@@ -141,14 +145,14 @@ def test_kinematic_station_follows_the_curved_kinematics_of_the_robot(gain: floa
 
 
 @pytest.mark.parametrize(("fidelity", "allowed"), [("OneDimensional", 0.1), ("Kinematic", 0.1), ("Multibody", 0.3)])
-@pytest.mark.parametrize(("gain", "stiffness", "normal"), [(3.0, SPRINGS, VERTICAL), (4.5, 1e6, (0.3, -0.8, 0.5))])
+@pytest.mark.parametrize(("gain", "stiffness", "normal"), [(3.0, SPRINGS, VERTICAL), (4.5, 1e6, SKEW)])
 def test_the_ideal_preset_is_the_continuous_loop(
     fidelity: str, allowed: float, gain: float, stiffness: float, normal: tuple[float, ...]
 ) -> None:
     """To 0.1 % of the step; the multibody robot's wrist sensor also feels the inertia of the tool."""
     log = closed_loop(
         preset="ideal",
-        duration=1.5,
+        duration=1.0,
         station__fidelity=fidelity,
         station__normal=normal,
         station__environment__stiffness=stiffness,
@@ -159,9 +163,7 @@ def test_the_ideal_preset_is_the_continuous_loop(
     assert percent_apart(signal(log, "measured_force")[some], reference) < allowed
 
 
-@pytest.mark.parametrize("gain", [1.5, 4.5])
-@pytest.mark.parametrize("stiffness", [pytest.param(SPRINGS, marks=pytest.mark.slow), 2e5])
-@pytest.mark.parametrize("normal", [VERTICAL, OBLIQUE])
+@pytest.mark.parametrize(("gain", "stiffness", "normal"), [(1.5, SPRINGS, OBLIQUE), (4.5, 2e5, VERTICAL)])
 def test_faster_sampling_converges_to_the_continuous_loop(
     gain: float, stiffness: float, normal: tuple[float, ...]
 ) -> None:

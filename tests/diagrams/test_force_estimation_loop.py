@@ -32,10 +32,10 @@ def model(robot: tuple[str, str, float]) -> RobotModel:
     return RobotModel.load(robot[0], robot[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "robot", [pytest.param(LIGHT, id="yumi_left"), pytest.param(HEAVY, id="comau", marks=pytest.mark.slow)]
+    ("robot", "seed"), [pytest.param(LIGHT, 1, id="yumi_left"), pytest.param(HEAVY, 2, id="comau")]
 )
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_static_load_is_recovered_within_two_percent(robot, seed):
     """In six directions; mean of two periods of the dither."""
     name, tool, size = robot
@@ -110,19 +110,23 @@ def test_elastic_joints_change_little():
     assert np.linalg.norm(found - size * DIRECTIONS, axis=1).max() < 0.02 * size
 
 
-@pytest.mark.parametrize("kind", ["nan", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("frozen", "lost"))])
-def test_faulty_readings_hold_the_estimate(kind):
-    """A tenth of a second of them under a load: nothing is felt that is not there, and the flag is down meanwhile."""
+@cache
+def shaken(kind=None):
+    """A run under a load along x whose readings are bad for a tenth of a second; of good ones without a kind."""
     name, tool, size = LIGHT
     joint = "" if kind == "lost" else "left_joint_2"
     # Fast enough that an encoder which stands still is noticed at once.
     shake = JointMovesConfig(dither=DitherConfig(amplitude_deg=2.0, frequency=4.0))
-    logs = []
-    for faults in ([ReadingFaultConfig(kind=kind, joint=joint, start=0.812, duration=0.1)], []):
-        load = LoadConfig(start=0.3, hold=1.5, wrenches=[[0, 0, 0, size, 0, 0]])
-        loop = motion_loop(name, tool, shake, ForceEstimatorConfig(), [load], faults=faults)
-        logs.append(run(loop, 1.5))
-    log, good = logs
+    load = LoadConfig(start=0.3, hold=1.5, wrenches=[[0, 0, 0, size, 0, 0]])
+    faults = [ReadingFaultConfig(kind=kind, joint=joint, start=0.812, duration=0.1)] if kind else []
+    return run(motion_loop(name, tool, shake, ForceEstimatorConfig(), [load], faults=faults), 1.5)
+
+
+@pytest.mark.parametrize("kind", ["nan", "frozen", "lost"])
+def test_faulty_readings_hold_the_estimate(kind):
+    """Nothing is felt that is not there, and the flag is down meanwhile."""
+    size = LIGHT[2]
+    logs = log, good = shaken(kind), shaken()
     during = (log["time"] > 0.83) & (log["time"] < 0.90)
     assert np.isfinite(log["estimated_wrench"]).all()
     assert log["reading_ok"][during].min() == 0.0

@@ -23,9 +23,10 @@ from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.contact_monitor import ContactMode
 from forcectl.plant.contact.surface import GrooveConfig, RoughnessConfig, SurfaceConfig
 from forcectl.plant.drives.servo import ServoConfig
+from forcectl.runs.replay.write import write_replay
 from forcectl.scenario.trees import to_tree
 from forcectl.testing import run_diagram
-from tests.examples.station_runs import closed_loop, command_for, compliance_of, quiet_sensor, signal
+from tests.examples.station_runs import PERIOD, closed_loop, command_for, compliance_of, quiet_sensor, signal
 from tests.examples.stations import pressing
 
 START = 1.0  # of the motion along the surface [s]
@@ -41,6 +42,8 @@ def ideal(
     return closed_loop(
         preset="ideal",
         duration=START + distance / speed + 0.3,
+        station__period=PERIOD,
+        station__time_step=0.001,
         station__fidelity=fidelity,
         station__environment__stiffness=stiffness,
         controller__integral_gain=3.0,
@@ -75,7 +78,7 @@ def assert_all_agree(**case: Any) -> None:
         for force in ("contact_force", "measured_force"):
             expected = signal(reference, force)
             # The multibody robot follows a step of its plant later, which shows where a groove takes the force away.
-            around = [np.roll(expected, shift) for shift in range(3 if name == "Multibody" else 1)]
+            around = [np.roll(expected, shift) for shift in range(2 if name == "Multibody" else 1)]
             apart = np.abs(signal(log, force) - np.clip(signal(log, force), np.min(around, 0), np.max(around, 0))).max()
             assert apart < 0.02 * 15.0, (name, force)
             assert apart < 0.15 * felt, (name, force)
@@ -86,10 +89,7 @@ def assert_all_agree(**case: Any) -> None:
     "case",
     [
         {"stiffness": 1e4, **GROOVES},
-        pytest.param(
-            {"stiffness": 1e5, "slope": 0.004, "heights": Heights(roughness=RoughnessConfig(rms=1e-6))},
-            marks=pytest.mark.slow,
-        ),
+        {"stiffness": 1e5, "slope": 0.004, "heights": Heights(roughness=RoughnessConfig(rms=1e-6))},
     ],
 )
 def test_fidelities_agree_on_an_uneven_surface(case: dict[str, Any]) -> None:
@@ -97,9 +97,7 @@ def test_fidelities_agree_on_an_uneven_surface(case: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("stiffness", "speed", "distance"), [(5.9e3, 0.02, 0.02), (1e5, 0.02, 0.02), (1e5, 0.005, 0.0105)]
-)
+@pytest.mark.parametrize(("stiffness", "speed", "distance"), [(1e5, 0.02, 0.02), (1e5, 0.005, 0.0105)])
 def test_fidelities_agree_at_other_speeds_and_stiffnesses(stiffness: float, speed: float, distance: float) -> None:
     """Over both grooves, and slowly over one."""
     assert_all_agree(stiffness=stiffness, speed=speed, distance=distance, **GROOVES)
@@ -284,13 +282,15 @@ def test_a_profile_beside_the_scenario_is_found_from_anywhere(tmp_path: Path, mo
     )
 
 
-@pytest.mark.slow
-def test_the_replay_moves_the_plate(tmp_path: Path, without_pictures: None) -> None:
+def test_the_replay_moves_the_plate(tmp_path: Path) -> None:
     sizes = []
     for slope in (0.0, 0.05):
-        overrides = {"station.environment.surface.slope": slope, "motion.distance": 0.05, "motion.speed": 0.02}
-        forcectl.run({}, overrides=overrides | {"duration": 1.0}, out=tmp_path / str(slope), replay=True)
-        sizes.append((tmp_path / str(slope) / "replay.html").stat().st_size)
+        changes = {"motion.distance": 0.05, "motion.speed": 0.02, "station.environment.surface.slope": slope}
+        overrides = {"station.fidelity": "Kinematic", "duration": 1.0} | changes
+        workcell = describe(forcectl.load_scenario({}, overrides=overrides).station)
+        log = forcectl.run({}, overrides=overrides).log.squeeze()
+        write_replay(log, workcell, tmp_path / f"{slope}.html")
+        sizes.append((tmp_path / f"{slope}.html").stat().st_size)
     assert sizes[1] > sizes[0] + 1000
 
 
@@ -300,8 +300,8 @@ def test_the_replay_moves_the_plate(tmp_path: Path, without_pictures: None) -> N
 @pytest.mark.slow
 @every_fidelity
 def test_ten_times_faster(fidelity: str) -> None:
-    """20 mm/s: the loop is slower than the grooves, the force stays finite and contact is kept on the soft surface."""
-    changes = {"motion.speed": 0.02, "motion.start_time": 3.0, "duration": 9.0}
+    """20 mm/s over two grooves: the loop is slower than they are, the force stays finite, the soft surface in contact."""
+    changes = {"motion.speed": 0.02, "motion.distance": 0.055, "motion.start_time": 2.5, "duration": 6.0}
     result = forcectl.run("fig_3_6", variant="plastic", fidelity=fidelity, overrides=changes)
     (values,) = result.metrics.values()
     assert values["contact_loss_s"] == 0.0

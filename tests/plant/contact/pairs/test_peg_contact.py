@@ -127,13 +127,12 @@ def test_turned_about_the_axis_the_wrench_turns_along():
     np.testing.assert_allclose(there, (here.reshape(2, 3) @ R.T).ravel(), atol=1e-9)
 
 
-@pytest.mark.parametrize("time_step", [0.0005, 0.001, 0.002])
-@pytest.mark.parametrize("stiffness", [2e4, 2e5])
+@pytest.mark.parametrize(("time_step", "stiffness"), [(0.0005, 2e4), (0.001, 2e5), (0.002, 2e4), (0.002, 2e5)])
 def test_at_rest_it_balances_the_grasp(time_step, stiffness):
     """The grasp pushes sideways by what its spring is short of: nothing is lost to the inertia in the block."""
     aside = Misalignment((2e-3, 0.0), (0.0, 0.0))
     contact = analytic("0p5", time_step, stiffness=stiffness)
-    run = insert("0p5", aside, duration=0.9, time_step=time_step, contact=contact, until=0.4)
+    run = insert("0p5", aside, duration=0.7, time_step=time_step, contact=contact, until=0.4)
     spring = ACROSS[0] * (2e-3 - run.place[0, -1])
     assert spring > 0.3
     assert run.force[0, -1] == pytest.approx(-spring, rel=0.02)
@@ -141,7 +140,7 @@ def test_at_rest_it_balances_the_grasp(time_step, stiffness):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("clearance", "count"), [("1p0", 3), ("0p5", 5), ("0p3", 3), ("0p1", 3)])
+@pytest.mark.parametrize(("clearance", "count"), [("1p0", 1), ("0p5", 2), ("0p3", 1), ("0p1", 2)])
 def test_it_inserts_with_the_force_of_the_geometry(clearance, count):
     """Misalignments up to 3 mm and 5 degrees at 75 mm/s, 60 mm deep: mean and largest force within 15 %.
 
