@@ -122,7 +122,7 @@ def test_without_the_constraint_they_collide() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(10, 14))
+@pytest.mark.parametrize("seed", range(10, 12))
 def test_many_random_runs(seed: int) -> None:
     check_kept(at_random(seed), 500)
     check_kept(towards(seed), 500)
@@ -130,7 +130,7 @@ def test_many_random_runs(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [21, 27, 40])
+@pytest.mark.parametrize("seed", [21, 27])
 def test_reaching_past_shapes_that_the_joints_hardly_move_against_each_other(seed: int) -> None:
     """An upper arm passes the other shoulder at full speed: rows there are a few cm per radian, torques are limited."""
     constraint = LinkDistance(RobotShapes.load("yumi", None), MINIMUM)

@@ -46,7 +46,7 @@ def test_masses_and_payload_change_the_model_only():
 
 
 @pytest.mark.slow
-def test_identified_friction_is_written_by_the_identification_and_read_by_a_model(tmp_path):
+def test_identified_friction_is_written_by_the_identification_and_read_by_a_model(tmp_path, without_pictures):
     fc.run("fig_5_2", variant="readings as they are", out=tmp_path / "run")
     file = tmp_path / "run" / "friction.yaml"
     workcell = describe(free())

@@ -300,7 +300,7 @@ def test_the_replay_moves_the_plate(tmp_path: Path) -> None:
 @pytest.mark.slow
 @every_fidelity
 def test_ten_times_faster(fidelity: str) -> None:
-    """20 mm/s over two grooves: the loop is slower than they are, the force stays finite, the soft surface in contact."""
+    """20 mm/s over two grooves: the loop is slower than they are, the force stays finite, contact is kept."""
     changes = {"motion.speed": 0.02, "motion.distance": 0.055, "motion.start_time": 2.5, "duration": 6.0}
     result = forcectl.run("fig_3_6", variant="plastic", fidelity=fidelity, overrides=changes)
     (values,) = result.metrics.values()

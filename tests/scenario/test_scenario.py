@@ -42,7 +42,7 @@ EXPERIMENTS = [
 
 @pytest.mark.parametrize(("name", "fidelity"), EXPERIMENTS)
 def test_every_shipped_experiment_loads_and_builds_on_every_fidelity(name, fidelity):
-    """Every variant loads; each is built on one fidelity in turn, and at least one is on each."""
+    """Every variant loads, and one is built on each fidelity: with others it is simulated, or built below."""
     file = as_file(name)
     scenarios = [resolve(file, variant, {"station.fidelity": fidelity}) for variant in select_variants(file)]
     for scenario in scenarios:
@@ -50,9 +50,7 @@ def test_every_shipped_experiment_loads_and_builds_on_every_fidelity(name, fidel
         assert scenario.source
         assert scenario.expect
     turns = [other for experiment, other in EXPERIMENTS if experiment == name]
-    first = turns.index(fidelity) % len(scenarios)
-    for scenario in scenarios[first :: len(turns)]:
-        assert build(scenario).diagram is not None
+    assert build(scenarios[turns.index(fidelity) % len(scenarios)]).diagram is not None
 
 
 # On the fidelities that an experiment names, every variant of it is simulated: see tests/runs/test_reproduce.py.

@@ -80,7 +80,7 @@ controller: !ReactiveReaching
   constraints:
     - !ForceBand {task: !ArmTask {arm: left, coordinates: [z]}, force: [0.2, 0.5], stiffness: [1300.0, 1600.0],
                   braking: 0.05, measurement_error: [0.06, 0.0015]}
-duration: 1.5
+duration: 0.8
 """
 
 

@@ -16,7 +16,7 @@ from forcectl.collision.shapes import RobotShapes
 from tests.examples.reactive_examples import reactive_controller
 from tests.examples.reactive_runs import PERIOD, Reacher, random_goal
 
-TASKS = int(os.environ.get("FORCECTL_RANDOM_TASKS", "12"))
+TASKS = int(os.environ.get("FORCECTL_RANDOM_TASKS", "5"))
 DISTANCE = 0.01
 
 
