@@ -14,7 +14,7 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, LogVectorOut
 import forcectl
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.model import plant_model
-from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig, build_station
+from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import describe
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralConfig
@@ -23,8 +23,6 @@ from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.contact_monitor import ContactMode
 from tests.examples.station_runs import FORCE, SPRINGS, quiet_sensor
 from tests.examples.stations import pressing
-
-every_fidelity = pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 
 
 def simulate(fidelity: str, duration: float, scenario: dict[str, Any] | None = None, **changes: Any) -> xr.Dataset:
@@ -81,7 +79,6 @@ def pulled_away(fidelity: str, damping: float, duration: float) -> dict[str, np.
         ("OneDimensional", 0.0),
         ("Kinematic", 0.02),
         pytest.param("Multibody", 0.0, marks=pytest.mark.slow),
-        pytest.param("Multibody", 0.02, marks=pytest.mark.slow),
     ],
 )
 def test_a_robot_sent_away_loses_contact_and_finds_it_again(fidelity: str, damping_time: float) -> None:
@@ -150,8 +147,16 @@ def test_the_tool_goes_where_the_motion_sends_it(fidelity: str, normal: list[flo
 # --- adaptation ------------------------------------------------------------------------------------------------------
 
 
-@every_fidelity
-@pytest.mark.parametrize(("error", "stiffness"), [(0.8, SPRINGS), (1.25, 5e4)])
+@pytest.mark.parametrize(
+    ("fidelity", "error", "stiffness"),
+    [
+        ("OneDimensional", 1.25, SPRINGS),
+        ("OneDimensional", 0.8, 5e4),
+        ("Kinematic", 0.8, SPRINGS),
+        ("Kinematic", 1.25, 5e4),
+        pytest.param("Multibody", 1.25, 5e4, marks=pytest.mark.slow),
+    ],
+)
 def test_adaptive_controller_learns_the_compliance_of_the_environment(
     fidelity: str, error: float, stiffness: float
 ) -> None:
@@ -166,8 +171,9 @@ def test_adaptive_controller_learns_the_compliance_of_the_environment(
     assert values(log, "measured_force")[-1] == pytest.approx(FORCE, rel=0.02)
 
 
-@pytest.mark.parametrize("fidelity", ["OneDimensional", pytest.param("Kinematic", marks=pytest.mark.slow)])
-def test_after_learning_a_second_step_is_that_of_the_known_compliance(fidelity: str) -> None:
+@pytest.mark.slow
+def test_after_learning_a_second_step_is_that_of_the_known_compliance() -> None:
+    fidelity = "Kinematic"
     start = 2.5  # of the second step [s]
     reference = SequenceConfig(times=[0.0, start], forces=[FORCE, 25.0])
     changes = {"reference": reference, "station__drive__servo__ideal": True, "station__sensors__force": quiet_sensor()}
@@ -186,7 +192,7 @@ def test_after_learning_a_second_step_is_that_of_the_known_compliance(fidelity: 
 # --- limits ----------------------------------------------------------------------------------------------------------
 
 
-@every_fidelity
+@pytest.mark.parametrize("fidelity", ["OneDimensional", pytest.param("Multibody", marks=pytest.mark.slow)])
 def test_limited_command_holds_and_does_not_wind_up(fidelity: str) -> None:
     # 1.5 mm into the springs are about 8 N; the reference asks for 15 N, then for 4 N.
     reference = SequenceConfig(times=[0.0, 1.2], forces=[FORCE, 4.0])

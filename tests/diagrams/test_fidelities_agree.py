@@ -50,14 +50,12 @@ def percent_apart(a: np.ndarray, b: np.ndarray) -> float:
 
 CASES = [(3.0, SPRINGS, VERTICAL), (1.5, 5e4, OBLIQUE)]
 SKEW = (0.3, -0.8, 0.5)
-# A slow and a fast loop on each stiffness, each normal with both of them.
+# A slow and a fast loop on a soft and on a stiff environment; CASES has what is in between.
 MORE_CASES = [
     (1.5, SPRINGS, SKEW),
-    (1.5, 2e5, VERTICAL),
-    (1.5, 1e6, OBLIQUE),
+    (1.5, 1e6, VERTICAL),
     (6.0, SPRINGS, OBLIQUE),
-    (6.0, 2e5, SKEW),
-    (6.0, 1e6, VERTICAL),
+    (6.0, 1e6, SKEW),
 ]
 
 
@@ -144,7 +142,10 @@ def test_kinematic_station_follows_the_curved_kinematics_of_the_robot(gain: floa
     assert percent_apart(force, sampled_reference(count, gain)) > 0.1
 
 
-@pytest.mark.parametrize(("fidelity", "allowed"), [("OneDimensional", 0.1), ("Kinematic", 0.1), ("Multibody", 0.3)])
+@pytest.mark.parametrize(
+    ("fidelity", "allowed"),
+    [("OneDimensional", 0.1), ("Kinematic", 0.1), pytest.param("Multibody", 0.3, marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize(("gain", "stiffness", "normal"), [(3.0, SPRINGS, VERTICAL), (4.5, 1e6, SKEW)])
 def test_the_ideal_preset_is_the_continuous_loop(
     fidelity: str, allowed: float, gain: float, stiffness: float, normal: tuple[float, ...]

@@ -71,6 +71,7 @@ def test_with_wrong_friction_the_estimate_stays_within_the_bound_of_the_threshol
     np.testing.assert_array_equal(log["estimated_wrench"][free], np.zeros((free.sum(), 6)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", [pytest.param(LIGHT, id="yumi_left"), pytest.param(HEAVY, id="comau")])
 def test_in_fast_free_motion_little_is_felt(robot):
     """At 60 % of the speed limits: 0.4 tau_C in any joint, 5 times less than without the filter of the speeds known."""

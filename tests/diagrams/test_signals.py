@@ -155,7 +155,7 @@ def test_a_momentum_observer_watches_a_loop_with_a_force_sensor():
       fidelity: Multibody
       sensors: {force: !WristForce {}, joints: !JointReadings {}}
     estimators: {watch: !ForceEstimator {}}
-    duration: 3.0
+    duration: 2.0
     """
     log = fc.run(parse(text, "own.yaml")).log
     estimated = log["estimated_wrench"].isel(wrench_component=-1)

@@ -15,8 +15,8 @@ from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from tests.examples.station_runs import FORCE, closed_loop, multibody, signal
 
 SOFT, STIFF = 1e3, 1e6  # [N/m]
-# Every stiffness without damping or with much of it at the ends of the range, with a little in between.
-ENVIRONMENTS = [(SOFT, 0.0), (STIFF, 0.0), (1e4, 1e-3), (1e5, 1e-3), (SOFT, 2e-2), (STIFF, 2e-2)]
+# The ends of the range without damping and with much of it, a little of it in between.
+ENVIRONMENTS = [(SOFT, 0.0), (STIFF, 0.0), (3e4, 1e-3), (SOFT, 2e-2), (STIFF, 2e-2)]
 
 
 def press(stiffness: float, damping_time: float, duration: float = 4.0, **changes: Any) -> xr.Dataset:

@@ -80,6 +80,7 @@ class Lock:
         return np.array(rows)
 
 
+@pytest.mark.slow
 def test_a_bayonet_locks_with_a_rise_of_torque():
     lock = Lock()
     lock.move(0.0082, 0.0, 0.1)

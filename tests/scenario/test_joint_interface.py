@@ -174,6 +174,7 @@ def test_a_users_own_controller_fills_the_slot(short, monkeypatch):
 JOINT_INTERFACE = [name for name in catalog.list_experiments() if "reference" not in catalog.find_scenario(name).tree]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", JOINT_INTERFACE)
 def test_every_experiment_behind_a_joint_interface_passes_the_doctor(name):
     """In its last variant, which is as a rule the richest."""

@@ -132,6 +132,7 @@ def test_a_run_may_be_cut_short_before_what_is_in_it_begins(tmp_path):
         load_scenario(file, overrides={"duration": 1.0, "reference.start_time": 2.0})
 
 
+@pytest.mark.slow
 def test_a_long_text_says_the_same_as_a_short_one():
     """A long one is composed in C, where that is there."""
     part = "b: &a {k: on, v: 0x12, w: 1_000, x: 2020-01-01, y: 1e3, n: ~}\nc: !Foo {<<: *a, k: [true, .5]}\n"

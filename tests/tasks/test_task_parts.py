@@ -22,6 +22,7 @@ def scenario(controller):
     return fc.load_scenario(parse(f"{CELL}\ncontroller: !ReactiveReaching {controller}", "test"))
 
 
+@pytest.mark.slow
 def test_a_follower_keeps_its_pose_in_the_leaders_frame():
     tasks = """{tasks: {
         lead: !ArmTask {arm: left, targets: [{time: 0.1, value: [0.36, 0.2, 0.25, 0.2, 0.0, 0.0]}]},

@@ -232,7 +232,7 @@ def test_a_robot_that_is_held_gains_no_energy(posture: tuple[float, ...], stiffn
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("stiffness", "friction"),
-    [(1e3, 1.0), (1e6, 1.0), (1e6, 0.0)],
+    [(1e3, 1.0), (1e6, 0.0)],
 )
 def test_contacts_from_soft_to_stiff_settle(stiffness: float, friction: float) -> None:
     result = run(
@@ -313,7 +313,8 @@ def test_friction_that_is_neither_divided_nor_observed_falsifies_the_tuning() ->
     stiffness = 5e4
     gains = {}
     for name, interface in (("plain", {"torque_gain": 0.0, "friction_bandwidth": 0.0}), ("default", {})):
-        result = run(experiment, interface, station__environment__stiffness=stiffness, reference__force=0.0)
+        changes = {"station.environment.stiffness": stiffness, "reference.force": 0.0, "duration": 3.0}
+        result = run(experiment, interface, **changes)
         (metrics,) = result.metrics.values()
         gains[name] = metrics["integral_gain"] / (-1.5 / stiffness)
     assert gains["default"] == pytest.approx(1.0, abs=0.05)

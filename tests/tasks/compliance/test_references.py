@@ -104,6 +104,7 @@ def test_one_coordinate_gives_way_as_the_equations_say():
     np.testing.assert_array_equal(others, np.broadcast_to(np.delete(START, Z), others.shape))
 
 
+@pytest.mark.slow
 def test_noise_within_the_hysteresis_does_not_turn_the_motion_round():
     """A steady force with noise that rises, turns back and ends; along an angle a torque like it."""
     h, noise = 0.2, 0.1

@@ -231,6 +231,7 @@ class Ceiling:
         return z - self.height, dz, motion.jacobian[5], motion.bias[5]
 
 
+@pytest.mark.slow
 def test_a_users_constraint_is_kept() -> None:
     start = at().position
     forward = start[0] + 0.03

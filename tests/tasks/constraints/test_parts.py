@@ -44,6 +44,7 @@ Z = "task: !ArmTask {arm: left, coordinates: [z]}"
 LIMIT = 0.33
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("constraints", "highest"),
     [

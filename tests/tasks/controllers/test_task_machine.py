@@ -169,6 +169,7 @@ def test_the_machine_is_drawn() -> None:
     assert ("press", "let_go", "reached > 0.5") in [(arrow.source, arrow.target, arrow.label) for arrow in chart.arrows]
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_for_as_long_as_asked_after_the_machine_ended() -> None:
     lines = [line for line in LOWER.splitlines() if "gripper_holds" not in line and " lost" not in line]
     scenario = STATION + "\n".join(lines) + "\nduration: 1.2\nafter_end: "

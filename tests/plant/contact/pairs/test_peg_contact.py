@@ -140,7 +140,7 @@ def test_at_rest_it_balances_the_grasp(time_step, stiffness):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("clearance", "count"), [("1p0", 1), ("0p5", 2), ("0p3", 1), ("0p1", 2)])
+@pytest.mark.parametrize(("clearance", "count"), [("1p0", 1), ("0p5", 2), ("0p3", 1), ("0p1", 1)])
 def test_it_inserts_with_the_force_of_the_geometry(clearance, count):
     """Misalignments up to 3 mm and 5 degrees at 75 mm/s, 60 mm deep: mean and largest force within 15 %.
 
