@@ -142,10 +142,8 @@ def test_kinematic_station_follows_the_curved_kinematics_of_the_robot(gain: floa
     assert percent_apart(force, sampled_reference(count, gain)) > 0.1
 
 
-@pytest.mark.parametrize(
-    ("fidelity", "allowed"),
-    [("OneDimensional", 0.1), ("Kinematic", 0.1), pytest.param("Multibody", 0.3, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("fidelity", "allowed"), [("OneDimensional", 0.1), ("Kinematic", 0.1), ("Multibody", 0.3)])
 @pytest.mark.parametrize(("gain", "stiffness", "normal"), [(3.0, SPRINGS, VERTICAL), (4.5, 1e6, SKEW)])
 def test_the_ideal_preset_is_the_continuous_loop(
     fidelity: str, allowed: float, gain: float, stiffness: float, normal: tuple[float, ...]

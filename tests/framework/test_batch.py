@@ -253,8 +253,8 @@ def loop(n: int, p: Values) -> Diagram:
     return builder.Build()
 
 
-def test_a_whole_loop_of_20_batch_elements_equals_20_runs():
-    n, duration = 20, 1.2
+def test_a_whole_loop_of_8_batch_elements_equals_8_runs():
+    n, duration = 8, 1.2
     values: dict[str, Any] = {
         "force": spread(5.0, 20.0, n),
         "gain": spread(0.5, 4.0, n),

@@ -60,7 +60,7 @@ def alone(start: Motion, target: Target, limits: Limits, synchronization: Synchr
     return trajectory
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=seeds, synchronized=st.booleans(), every=st.sampled_from([1, 2, 7, 40]))
 def test_limits_hold_whatever_the_targets(seed, synchronized, every):
     rng = np.random.default_rng(seed)
@@ -80,7 +80,7 @@ def test_limits_hold_whatever_the_targets(seed, synchronized, every):
         state = after
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=seeds, synchronized=st.booleans())
 def test_a_target_is_reached_in_the_time_that_ruckig_says(seed, synchronized):
     rng = np.random.default_rng(seed)
@@ -105,7 +105,7 @@ def test_a_target_is_reached_in_the_time_that_ruckig_says(seed, synchronized):
     np.testing.assert_allclose(state.acceleration, 0.0, atol=1e-8)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(seed=seeds, synchronized=st.booleans())
 def test_targets_that_differ_by_rounding_do_not_make_it_later(seed, synchronized):
     """Ruckig alone, asked again at every tick, loses up to five seconds here."""
@@ -127,7 +127,7 @@ def test_motions_from_rest_are_straight_when_synchronized():
         np.testing.assert_allclose(np.cross(plan.at(share * plan.duration).position, goal), 0.0, atol=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(seed=seeds)
 def test_from_outside_the_limits_it_returns_and_stays_within(seed):
     rng = np.random.default_rng(seed)

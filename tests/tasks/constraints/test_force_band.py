@@ -60,7 +60,7 @@ def test_the_force_stays_in_the_band(stiffness: float, braking: float, wanted: f
 def test_it_finds_contact_and_comes_back_from_outside(braking: float, wanted: float) -> None:
     """From the air, as fast as the smallest force can be braked to, and from twice the largest force."""
     for stiffness, start in itertools.product((SOFT, STIFF), (0.0, 1.0)):
-        pressed = forces(band(braking), stiffness, wanted, start=start)
+        pressed = forces(band(braking), stiffness, wanted, start=start, seconds=1.5)
         inside = np.argmax((pressed >= LOW - 1e-9) & (pressed <= HIGH + 1e-9))
         assert 0 < inside * TS < 0.3
         assert pressed[inside:].min() >= LOW - 1e-9
