@@ -123,6 +123,7 @@ def shaken(kind=None):
     return run(motion_loop(name, tool, shake, ForceEstimatorConfig(), [load], faults=faults), 1.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["nan", "frozen", "lost"])
 def test_faulty_readings_hold_the_estimate(kind):
     """Nothing is felt that is not there, and the flag is down meanwhile."""

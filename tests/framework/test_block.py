@@ -90,7 +90,9 @@ def test_a_block_keeps_its_diagram() -> None:
     assert half.y.Eval(own).item() == 2.0
 
 
-@pytest.mark.parametrize("experiment", ["fig_3_6", "fig_4_14", "fig_5_3", "pipette"])
+@pytest.mark.parametrize(
+    "experiment", ["fig_3_6", "fig_4_14", "fig_5_3", pytest.param("pipette", marks=pytest.mark.slow)]
+)
 def test_a_loop_that_is_dropped_is_gone(experiment: str) -> None:
     references = [weakref.ref(system) for system in _systems(build(experiment).diagram)]
     gc.collect()

@@ -16,8 +16,6 @@ from forcectl.models.make_parts import CLEARANCES
 from forcectl.plant import ContactWrench
 from tests.examples.insertion import insert, misalignments
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize("clearance", CLEARANCES)
 def test_a_misaligned_plunger_is_led_into_the_bore(clearance):

@@ -74,7 +74,9 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("kind", CASES)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] if kind == "force_disturbed" else []) for kind in CASES]
+)
 def test_what_provokes_a_finding_has_it_and_what_is_near_has_not(kind: str) -> None:
     provoked, near = (found(**changes) for changes in CASES[kind])
     (one,) = [each for each in provoked if each.kind == kind]

@@ -50,7 +50,6 @@ def test_limits_hold_and_targets_are_reached_or_reported(seed: int, record_prope
         assert found.angle <= np.radians(1.0)
 
 
-@pytest.mark.slow
 def test_goals_near_by_are_reached() -> None:
     """Without limits in the way there is no excuse."""
     free = Reacher()
