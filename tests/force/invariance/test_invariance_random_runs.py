@@ -20,8 +20,8 @@ from tests.examples.robot_controller_runs import (
     tips,
 )
 
-# 1000 take two minutes: a tenth of them at every change.
-RUNS = int(os.environ.get("FORCECTL_RANDOM_RUNS", "100"))
+# 1000 take two minutes: a fortieth of them at every change.
+RUNS = int(os.environ.get("FORCECTL_RANDOM_RUNS", "25"))
 
 
 def random_run(seed: int, ticks: int = 250) -> float:
@@ -70,9 +70,4 @@ def random_run(seed: int, ticks: int = 250) -> float:
 
 @pytest.mark.slow
 def test_no_constraint_is_violated_by_more_than_a_sample_leaves() -> None:
-    assert max(random_run(seed) for seed in range(10)) <= 1.0
-
-
-@pytest.mark.slow
-def test_no_constraint_is_violated_by_more_than_a_sample_leaves_in_many_runs() -> None:
     assert max(random_run(seed) for seed in range(100, 100 + RUNS)) <= 1.0

@@ -23,12 +23,14 @@ def shipped(variant: str) -> xr.Dataset:
     return run_variant("multi_material", variant).log
 
 
-def error(variant: str, order: tuple[str, ...]) -> float:
-    """Of the shipped experiment with another order of the materials [N]; that one's own runs on every fidelity."""
-    ends = (-0.05, 0.04, 0.08, 0.17)
-    segments = [{"material": m, "start": a, "end": b} for m, a, b in zip(order, ends, ends[1:], strict=False)]
-    ordered = {f"{SURFACE}.materials.segments": segments}
-    result = forcectl.run("multi_material", variant=variant, overrides=ordered, fidelity="Kinematic")
+def error(variant: str) -> float:
+    """From aluminium to plastic, the way back of the shipped experiment, which tests of it run anyway [N]."""
+    segments = [
+        {"material": "aluminium", "start": -0.05, "end": 0.04},
+        {"material": "plastic", "start": 0.04, "end": 0.17},
+    ]
+    changes = {f"{SURFACE}.materials.segments": segments, "duration": 16.0}
+    result = forcectl.run("multi_material", variant=variant, overrides=changes, fidelity="Kinematic")
     return float(result.metrics[variant]["run_model_error_sd_N"])
 
 
@@ -76,20 +78,18 @@ def test_the_command_bends_and_does_not_jump_when_gains_change() -> None:
 @pytest.mark.slow
 def test_at_rest_it_keeps_its_gains_over_all_materials() -> None:
     """A constant force tells nothing: whatever the surface does, the gains of the start stay."""
-    rest = {"reference.times": [0.0], "reference.forces": [12.0], "motion.start_time": 6.0, "duration": 20.0}
+    rest = {"reference.times": [0.0], "reference.forces": [12.0], "duration": 9.0}
+    rest |= {"motion.start_time": 3.0, "motion.speed": 0.02}
     log = forcectl.run("multi_material", variant="adaptive", overrides=rest, fidelity="Kinematic").log
-    assert np.ptp(signal(log, "integral_gain")[signal(log, "time") > 6.0]) == 0.0
-
-
-ORDERS = [("aluminium", "wood", "plastic"), ("wood", "aluminium", "plastic")]
+    assert np.ptp(signal(log, "integral_gain")[signal(log, "time") > 3.0]) == 0.0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", ORDERS)
-def test_it_tracks_better_than_the_fixed_gains_of_any_material_in_other_orders(order: tuple[str, ...]) -> None:
-    adaptive = error("adaptive", order)
+def test_it_tracks_better_than_the_fixed_gains_of_any_material_on_the_way_back() -> None:
+    """From the largest compliance to the smallest, with the gains of the smallest at the start."""
+    adaptive = error("adaptive")
     for name in ("plastic", "wood", "aluminium"):
-        assert adaptive < 0.9 * error(f"fixed, of {name}", order)
+        assert adaptive < 0.9 * error(f"fixed, of {name}")
 
 
 @pytest.mark.parametrize(
