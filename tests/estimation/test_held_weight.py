@@ -27,8 +27,8 @@ controller: !ReactiveReaching
   targets: [{time: 0.0, arm: left, position: [-0.0234, 0.3851, 0.2057]}]
   motion_limits: {speed: 0.075}
   null_space: !SelfMotion {}
-estimators: {force: !KalmanForceEstimator {expressed_in: tcp, tare_start: 1.0, tare_duration: 1.0}}
-duration: 4.0
+estimators: {force: !KalmanForceEstimator {expressed_in: tcp, tare_start: 0.6, tare_duration: 0.6}}
+duration: 2.4
 """
 
 
@@ -37,7 +37,7 @@ def estimated(folder: Path, part: str, **overrides: float) -> np.ndarray:
     file = folder / "held.yaml"
     file.write_text(SCENARIO.replace("PART", part))
     log = fc.run(file, overrides={f"model.{name}": value for name, value in overrides.items()}).log
-    return log["estimated_local_wrench"].sel(time=slice(2.1, None)).values[:, 3:]
+    return log["estimated_local_wrench"].sel(time=slice(1.3, None)).values[:, 3:]
 
 
 @pytest.mark.slow

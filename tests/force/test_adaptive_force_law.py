@@ -41,14 +41,14 @@ def force(config, duration: float, size: int = 1, **loop) -> np.ndarray:
 @every_law
 @pytest.mark.parametrize("error", [0.6, 1.3])
 def test_a_wrong_start_leaves_no_steady_error(config, error):
-    measured = force(replace(config, compliance_error=error), 6.0)[0]
+    measured = force(replace(config, compliance_error=error), 4.5)[0]
     assert np.mean(measured[-500:]) == pytest.approx(15.0, abs=0.1)
 
 
 @every_law
 def test_a_second_step_without_a_new_start_is_not_overshot(config):
-    measured = force(config, 8.0, reference=SequenceConfig(times=[0.0, 6.0], forces=[15.0, 25.0]))[0]
-    assert measured[: round(5.9 / PERIOD)].max() <= 15.0 * 1.02
+    measured = force(config, 5.0, reference=SequenceConfig(times=[0.0, 3.0], forces=[15.0, 25.0]))[0]
+    assert measured[: round(2.9 / PERIOD)].max() <= 15.0 * 1.02
     assert measured.max() <= 25.0 * 1.02
 
 

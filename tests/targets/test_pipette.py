@@ -16,6 +16,7 @@ FAULTS: dict[str, tuple[dict[str, Any], list[str], str]] = {
         {
             f"{PARTS}.plunger.lies_at": [0.43, 0.343, 0.08],
             "controller.modes.take_plunger.exits.1.when": "visits > 1 and time > 0.3",
+            "controller.modes.search_plunger.exits.0.when": "time > 0.3",
         },
         ["reach_plunger", "take_plunger", "search_plunger", "take_plunger"],
         "no_plunger",

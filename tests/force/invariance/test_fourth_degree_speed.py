@@ -43,7 +43,7 @@ def test_a_lower_speed_limit_in_the_context_brakes_within_the_acceleration_limit
 def test_without_contact_differences_approach_below_the_speed_that_feeds_itself(gamma: float) -> None:
     """From c |gamma|/(2 z w^3) on, 2 z w v alone outweighs gamma; nor faster than a filtered force could tell."""
     inputs = {"desired_force": FORCE, "measured_force": 0.0}
-    log = run_diagram(law(gamma=gamma), 20.0, period=PERIOD, inputs=inputs)
+    log = run_diagram(law(gamma=gamma), 10.0, period=PERIOD, inputs=inputs)
     speed = -np.diff(log["displacement_command"][:, 0]) / PERIOD
     largest = min(0.5 * C * -gamma / W**3, 0.125 * C * W * FORCE)
     assert np.all(speed >= -1e-12)
@@ -61,7 +61,7 @@ def test_contact_lost_in_a_retreat_stops_the_retreat_and_is_followed() -> None:
     assert command[-1] < command[furthest] - 1e-4
 
 
-def in_one_dimension(stiffness: float, duration: float = 8.0, **reference: float) -> Dataset:
+def in_one_dimension(stiffness: float, duration: float, **reference: float) -> Dataset:
     changes = {
         "station.environment.stiffness": stiffness,
         "station.fidelity": "OneDimensional",
@@ -75,10 +75,8 @@ def in_one_dimension(stiffness: float, duration: float = 8.0, **reference: float
 @pytest.mark.parametrize(
     ("stiffness", "start", "force", "largest"),
     [
-        (1e4, 0.0, 2.0, 3.0),
         (1e4, 12.0, 2.0, 3.0),
         (1e5, 0.0, 12.0, 13.0),
-        (1e5, 12.0, 2.0, 5.0),
         (1e6, 12.0, 2.0, 6.0),
         (1e6, 0.0, 5.0, 10.0),
     ],
@@ -86,8 +84,8 @@ def in_one_dimension(stiffness: float, duration: float = 8.0, **reference: float
 def test_friction_and_stiffness_do_not_make_the_command_run_off(
     stiffness: float, start: float, force: float, largest: float
 ) -> None:
-    change = 4.0 if start else 0.0
-    log = in_one_dimension(stiffness, change + 4.0, force=force, initial_force=start, start_time=change)
+    change = 2.5 if start else 0.0
+    log = in_one_dimension(stiffness, change + 3.5, force=force, initial_force=start, start_time=change)
     contact, command = log["contact_force"].values, log["displacement_command"].values
     late = log.time.values > change + 2.0
     assert np.max(contact[late]) < largest
@@ -96,6 +94,7 @@ def test_friction_and_stiffness_do_not_make_the_command_run_off(
     assert np.max(command) < 3e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("adaptive", "stiffness", "force"), [(False, 1e5, 12.0), (True, 3e4, 4.0), (True, 2e5, 15.0)])
 def test_the_multibody_station_keeps_contact_on_stiff_surfaces(adaptive: bool, stiffness: float, force: float) -> None:
     changes = {
@@ -113,7 +112,7 @@ def test_the_multibody_station_keeps_contact_on_stiff_surfaces(adaptive: bool, s
 
 @pytest.mark.parametrize("drop", [0.3, 0.6])
 def test_the_reference_zero_while_the_force_rises_stays_by_the_surface(drop: float) -> None:
-    log = in_one_dimension(1e4, force=0.0, initial_force=5.0, start_time=drop)
+    log = in_one_dimension(1e4, 5.0, force=0.0, initial_force=5.0, start_time=drop)
     assert np.max(log["contact_force"].values) < 5.0
     assert np.max(log["displacement_command"].values) < 3e-4
     assert np.ptp(log["displacement_command"].values[-500:]) == 0.0

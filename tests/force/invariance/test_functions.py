@@ -74,6 +74,8 @@ def random_states(degree: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("degree", DEGREES)
 def test_equals_brute_force_maximisation(degree: int) -> None:
     xi, gamma = random_states(degree)
+    if degree >= 5:  # what takes longest by bisection: every fourth of each kind
+        xi, gamma = xi[::4], gamma[::4]
     expected = brute_force(xi, gamma)
     np.testing.assert_allclose(iv.invariance_function(xi, gamma), expected, rtol=1e-9, atol=0)
     if degree == 4:

@@ -105,7 +105,7 @@ def test_a_surface_that_rises_or_falls_steadily_leaves_no_error(rise):
         return -rise * max(t - 1.0, 0.0)
 
     log, bare = (
-        run(c, 5.0, surface=surface)["contact_force"].ravel()
+        run(c, 4.0, surface=surface)["contact_force"].ravel()
         for c in (PredictiveInvarianceConfig(), InvarianceConfig())
     )
     assert log[-1] == pytest.approx(FORCE, abs=0.02)
@@ -127,27 +127,28 @@ def test_a_rise_that_the_path_knows_is_no_disturbance():
     assert log["contact_force"][-1].item() == pytest.approx(FORCE, abs=0.2)
 
 
-@pytest.mark.parametrize("share", [0.5, 0.8, 1.1, 1.25])
+@pytest.mark.parametrize("share", [0.5, 1.25])
 def test_a_wrong_compliance_ends_at_the_reference_too(share):
     log = run(PredictiveInvarianceConfig(compliance_error=share), 6.0)["measured_force"].ravel()
     assert log[-1] == pytest.approx(FORCE, abs=0.02)
-    bare = run(InvarianceConfig(compliance_error=share), 6.0)["measured_force"].ravel()
+    bare = run(InvarianceConfig(compliance_error=share), 3.0)["measured_force"].ravel()
     assert bare[-1] == pytest.approx(share * FORCE, abs=1e-3)  # (3.55)
 
 
+@pytest.mark.slow
 def test_what_the_drive_owes_is_asked_for():
     def slip(t):
-        return 5e-5 if t > 1.0 else 0.0
+        return 5e-5 if t > 0.6 else 0.0
 
-    log = run(PredictiveInvarianceConfig(drive_bandwidth=2.0, drive_dead_zone=0.0), 5.0, slip=slip)
+    log = run(PredictiveInvarianceConfig(drive_bandwidth=2.0, drive_dead_zone=0.0), 4.0, slip=slip)
     assert log["drive_offset"][-1].item() == pytest.approx(5e-5, rel=1e-2)
     assert log["measured_force"][-1].item() == pytest.approx(FORCE, abs=0.02)
     # Up to the dead zone of 0.1 N the drive is left alone.
     zone = 0.1 * C_T
-    log = run(PredictiveInvarianceConfig(drive_bandwidth=2.0, drive_dead_zone=0.1), 5.0, slip=slip)
+    log = run(PredictiveInvarianceConfig(drive_bandwidth=2.0, drive_dead_zone=0.1), 4.0, slip=slip)
     assert log["drive_offset"][-1].item() == pytest.approx(5e-5 - zone, rel=1e-2)
     assert log["measured_force"][-1].item() == pytest.approx(FORCE - 0.1, abs=0.02)
-    without = run(PredictiveInvarianceConfig(drive_bandwidth=0.0), 5.0, slip=slip)
+    without = run(PredictiveInvarianceConfig(drive_bandwidth=0.0), 4.0, slip=slip)
     assert without["measured_force"][-1].item() == pytest.approx(FORCE - 5e-5 / C_T, abs=0.02)
 
 
