@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import forcectl
-from tests.examples.experiment_runs import ExperimentRun, run_experiment, run_variant
+from tests.examples.experiment_runs import ExperimentRun, run_experiment
 
 EXPERIMENTS = ("fig_3_7", "fig_3_8", "fig_3_10")
 
@@ -52,15 +52,17 @@ def test_fig_3_10_settles_first_and_is_the_calibrated_one() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_fig_3_10_does_not_depend_on_the_noise_drawn(seed: int) -> None:
-    metrics = run_variant("fig_3_10", "relative degree 4", seed=seed).metrics
+    name, changes = "relative degree 4", {"duration": 3.0, "expect": []}
+    metrics = forcectl.run("fig_3_10", variant=name, overrides=changes, seed=seed).metrics[name]
     assert metrics["overshoot_pct"] <= 1.0
     assert abs(metrics["steady_state_error_N"]) <= 0.3
     assert metrics["largest_drop_N"] <= 0.1
     assert metrics["settling_time_5pct_s"] == pytest.approx(1.38, abs=0.05)
 
 
+@pytest.mark.slow
 def test_without_its_margin_the_law_does_not_stand_the_wrong_stiffness() -> None:
     """alpha = 0 and 1 diverge under the 50 % error: 1 + alpha must exceed C_max/C_min with a margin (3.84)*."""
     for alpha in (0.0, 1.0):
