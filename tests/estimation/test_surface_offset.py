@@ -106,6 +106,7 @@ def held_force(height: float, stiffness: float, with_offset: bool) -> float:
     return float(np.mean(forces[-300:]))
 
 
+@pytest.mark.slow
 def test_the_force_is_held_on_a_surface_that_rises_by_more_than_its_compliance_explains() -> None:
     assert held_force(1e-3, 1e6, True) == pytest.approx(15.0, rel=0.005)
     assert held_force(1e-3, 1e6, False) > 20.0  # with the compliance alone

@@ -98,6 +98,7 @@ def test_an_arm_with_fewer_or_more_joints_gets_the_least_squares_direction():
         np.testing.assert_allclose(joint_direction(J, Z), expected, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_damping_is_continuous_on_the_way_through_a_singular_wrist():
     """Finer and finer steps through q5 = 0: the direction stays finite and never jumps."""
     jumps, largest = [], []

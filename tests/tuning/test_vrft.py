@@ -76,7 +76,7 @@ def test_gains_equal_an_independent_implementation(prefilter, noise):
 
 
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(0, 5))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_models_of_any_order_equal_filtering_with_their_transfer_functions(seed, order, delay):
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.normal(size=60), 25)
@@ -138,7 +138,7 @@ def test_scaling_input_and_output_scales_the_gains():
         assert other.model_mismatch == pytest.approx(one.model_mismatch, rel=1e-3)
 
 
-@pytest.mark.parametrize("noise", [0.02, 0.05, 0.2])
+@pytest.mark.parametrize("noise", [0.02, 0.2])
 def test_with_the_prefilter_noise_leaves_k_p_and_k_i_and_the_report_says_that_k_d_is_lost(noise):
     clean = fit_vrft(*record(), MODEL, continuous_pid(TS))
     assert not any("identifiable" in warning for warning in clean.warnings)
@@ -183,7 +183,7 @@ def test_an_instrument_changes_nothing_without_noise_where_the_controller_is_exa
 def test_standard_errors_cover_the_scatter_of_seeds():
     basis = continuous_pid(TS).only("K_P", "K_I")
     u, y = record(lags=(12.6,))
-    fits = [fit_vrft(u, y + record(0.05, s)[1] - record()[1], MODEL, basis) for s in range(12)]
+    fits = [fit_vrft(u, y + record(0.05, s)[1] - record()[1], MODEL, basis) for s in range(8)]
     scatter = np.std([fit.gains for fit in fits], axis=0, ddof=1)
     claimed = np.mean([fit.standard_errors for fit in fits], axis=0)
     assert (scatter < 2 * claimed).all()

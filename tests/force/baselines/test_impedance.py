@@ -50,6 +50,7 @@ def test_at_rest_the_impedance_has_the_error_of_its_model_and_the_adaptation_non
     assert simulated(ADAPTED, 30000)[-1] == pytest.approx(FORCE, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_adaptation_follows_a_surface_that_moves_away_and_admittance_does_not():
     """As forces: those of a tool that the law leads over a surface that moves away by 1 mm/s."""
     for config, expected in ((AdmittanceConfig(inertia=26.5, damping=2650.0), 2.65), (ADAPTIVE, 0.0)):

@@ -70,6 +70,7 @@ def brute_force(governor, force, wanted, desired, past, horizon=1):
     ]
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.data())
 def test_the_closed_form_is_the_brute_force_minimum(data):

@@ -108,6 +108,7 @@ def shipped() -> dict[str, GovernedConfig]:
     return dict(found.values())
 
 
+@pytest.mark.slow
 def test_every_shipped_governor_is_stable_up_to_a_true_delay_of_0_22_s():
     """0, 0.04, 0.08, 0.16 and 0.22 s; a horizon of 20 with the printed weights stops there."""
     loops, found = shipped(), {}

@@ -102,16 +102,16 @@ def test_another_tilt_other_laws_and_a_motion_along_the_plate():
         ),
         "motion.distance": 0.02,
         "motion.speed": 0.02,
-        "motion.start_time": 3.0,
-        "duration": 5.0,
+        "motion.start_time": 2.0,
+        "duration": 3.6,
     }
     result = fc.run("hybrid_alignment", variant="integral", overrides=overrides)
     metrics, log = result.metrics["integral"], result.log.squeeze()
     assert metrics["tilt_at_start_deg"] == pytest.approx(6.0, abs=0.01)
     assert metrics["tilt_at_end_deg"] < 0.5
-    assert metrics["aligned_s"] < 3.0
+    assert metrics["aligned_s"] < 2.0
     assert metrics["aligned_torque_Nm"] < 0.2
-    still, end = (log.sel(time=t, method="nearest") for t in (3.0, 5.0))
+    still, end = (log.sel(time=t, method="nearest") for t in (2.0, 3.6))
     way = end["tool_position"].values - still["tool_position"].values
     np.testing.assert_allclose(way, [0.02, 0.0, 0.0], atol=5e-4)
     assert float(end["contact_force"]) == pytest.approx(15.0, rel=0.05)

@@ -132,6 +132,7 @@ def test_on_one_material_it_stays_with_the_gains_that_fit():
     assert rms(adapting()[0][:alone]) < 1.1 * rms(fixed()[0][0, :alone])
 
 
+@pytest.mark.slow
 def test_at_rest_and_without_contact_it_learns_nothing():
     overrides = {
         "controller": AdaptiveVrftConfig(**between(0.5)),

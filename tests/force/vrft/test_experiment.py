@@ -22,7 +22,6 @@ from forcectl.testing import run_diagram
 
 PERIOD = 0.002
 SHORT = TrapezoidalMovesConfig(depths=[0.0, 1e-3, 2e-3, 0.0], rest=0.5, start_rest=0.1)
-SLOW = pytest.mark.slow
 
 
 def modes(block: ExperimentSequencer, duration: float = 1.0, **inputs: object) -> np.ndarray:
@@ -56,7 +55,7 @@ def one_run(fidelity: str) -> forcectl.runs.run.RunResult:
     overrides = {
         "controller": RecursiveVrftConfig(excitation=SHORT),
         "reference": StepConfig(force=10.0, start_time=3.4),
-        "duration": 7.5,
+        "duration": 6.8,
         "station.fidelity": fidelity,
     }
     return forcectl.run("table_4_1", variant="VRFT", overrides=overrides)
@@ -67,7 +66,8 @@ def kept_run(fidelity: str) -> forcectl.runs.run.RunResult:
     return one_run(fidelity)
 
 
-@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", pytest.param("Multibody", marks=SLOW)])
+@pytest.mark.slow
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
 def test_it_tunes_hands_over_without_a_jump_and_regulates_on_every_fidelity(fidelity):
     result = kept_run(fidelity)
     (metrics,) = result.metrics.values()
@@ -84,6 +84,7 @@ def test_it_tunes_hands_over_without_a_jump_and_regulates_on_every_fidelity(fide
     assert float(before.max()) == pytest.approx(11.8, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_second_run_and_another_order_of_calls_give_the_same_numbers():
     first, second = (run("OneDimensional").log["measured_force"].values for run in (kept_run, one_run))
     np.testing.assert_array_equal(first, second)
@@ -94,6 +95,7 @@ def test_without_contact_nothing_is_learnt_and_the_law_does_not_take_over():
     """The surface is out of reach: the force is noise, and whatever comes out of it must not run the robot away."""
     controller = RecursiveVrftConfig(excitation=TrapezoidalMovesConfig(depths=[0.0, -1e-3, -2e-3, 0.0], rest=0.2))
     overrides = {"controller": controller, "duration": 4.0, "station.sensors.force.noise_std": 0.0}
+    overrides["station.fidelity"] = "Kinematic"
     result = forcectl.run("table_4_1", variant="VRFT", overrides=overrides)
     assert not result.log["mode"].values.any()
     assert float(result.log["displacement_command"].values[-1].item()) == pytest.approx(0.0, abs=1e-9)
@@ -136,6 +138,7 @@ def test_bad_values_are_refused_by_name(name, value):
         RecursiveVrftConfig(**{name: value})
 
 
+@pytest.mark.slow
 def test_gains_are_logged_under_their_names():
     log = kept_run("OneDimensional").log
     for name in (*GAINS, "mode", "controller_output"):
