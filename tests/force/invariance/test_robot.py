@@ -53,7 +53,7 @@ def force(log: xr.Dataset) -> np.ndarray:
 # --- in the loop ------------------------------------------------------------------------------------------------------
 
 
-@every_fidelity
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", pytest.param("Multibody", marks=pytest.mark.slow)])
 def test_the_force_arrives_without_overshoot_on_every_fidelity(fidelity: str) -> None:
     result = run(InvarianceRobotConfig(maximum_force=30.0), fidelity, 1.5)
     assert force(result.log).max() < 15.0 * 1.01
@@ -65,7 +65,7 @@ def test_the_force_arrives_without_overshoot_on_every_fidelity(fidelity: str) ->
 
 
 @pytest.mark.slow
-@every_fidelity
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Multibody"])
 def test_an_integral_law_is_corrected_and_the_compliance_is_learnt(fidelity: str) -> None:
     corrected = run(InvarianceRobotConfig(nominal_gain=3.0), fidelity, 2.0)
     assert force(corrected.log).max() < 15.0 * 1.01  # 10 % without the constraint
@@ -272,11 +272,13 @@ def test_limits_of_the_scenario_replace_the_robots() -> None:
 # --- the maximum force behind the filter of the sensor ----------------------------------------------------------------
 
 
-def true_force(fidelity: str, stiffness: float, maximum: float, desired: float, error: float, **changes: Any) -> Any:
+def true_force(
+    fidelity: str, stiffness: float, maximum: float, desired: float, error: float, duration: float = 2.2, **changes: Any
+) -> Any:
     """The true contact force from the first touch on [N], in ticks; contact has been lost where it is zero."""
     config = InvarianceRobotConfig(maximum_force=maximum, compliance_error=error)
     overrides = {"reference.force": desired, "station__environment__stiffness": stiffness} | changes
-    values = run(config, fidelity, 3.0, **overrides).log.squeeze()["contact_force"].values
+    values = run(config, fidelity, duration, **overrides).log.squeeze()["contact_force"].values
     return values[np.argmax(values > CONTACT_FORCE) :]
 
 
@@ -290,7 +292,7 @@ def test_the_true_force_stays_below_the_maximum_on_stiff_contact_behind_the_sens
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("error", [0.5, 1.0, 1.2, 1.5, 1.9])
+@pytest.mark.parametrize("error", [0.5, 1.9])
 def test_the_true_force_stays_below_the_maximum_on_the_multibody_robot(error: float) -> None:
     found = true_force("Multibody", 5e5, 8.0, 7.0, error)
     assert found.max() < 8.0 * 1.001 + 0.01
@@ -299,14 +301,13 @@ def test_the_true_force_stays_below_the_maximum_on_the_multibody_robot(error: fl
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("error", [0.5, 1.0, 1.8])
-@pytest.mark.parametrize("fidelity", ["Kinematic", "Multibody"])
+@pytest.mark.parametrize(("fidelity", "error"), [("Multibody", 0.5), ("Multibody", 1.8), ("Kinematic", 1.0)])
 def test_a_rising_surface_that_nobody_told_of_keeps_contact_and_the_force_near_the_maximum(
     fidelity: str, error: float
 ) -> None:
-    motion = {"direction": [0.0, 1.0, 0.0], "distance": 0.1, "speed": 0.05, "start_time": 1.0}
+    motion = {"direction": [0.0, 1.0, 0.0], "distance": 0.1, "speed": 0.05, "start_time": 0.6}
     slope = {"station__environment__surface__slope": 0.1, "station__environment__surface__direction": [0.0, 1.0, 0.0]}
-    found = true_force(fidelity, 1e5, 30.0, 15.0, error, motion=motion, **slope)
+    found = true_force(fidelity, 1e5, 30.0, 15.0, error, 2.6, motion=motion, **slope)
     assert found.max() < 43.0
     assert found[-500:].max() < 38.5
     assert found.min() > 0.0
