@@ -65,6 +65,13 @@ def without_pictures(monkeypatch):
 
 
 @pytest.fixture
+def without_logs(monkeypatch):
+    """Directories of runs have an empty log; nor is a variant made durable before the next one begins."""
+    monkeypatch.setattr("forcectl.runs.run.write_netcdf", lambda log, path: path.touch())
+    monkeypatch.setattr("forcectl.runs.run.keep_variant", lambda *_: None)
+
+
+@pytest.fixture
 def plants_identified_once(monkeypatch):
     """Tuning asks for the plant of each record once in a process: it depends on the record only, and takes longest."""
     from tests.examples.vrft_records import identified_once

@@ -58,13 +58,13 @@ def test_without_a_command_the_help_is_shown_and_the_version_is_known(forcectl):
 
 @pytest.mark.slow
 def test_run_prints_the_metrics_of_every_variant_and_where_the_files_are(forcectl, tmp_path):
-    code, out, err = forcectl("run", "fig_2_7", "--out", "here", "--seed", 4)
+    code, out, err = forcectl("run", "fig_2_7", "--out", "here", "--seed", 4, "--fidelity", "OneDimensional")
     assert (code, err) == (0, "")
     for part in ("K_I = 1.5 1/s", "K_I = 4.5 1/s", "overshoot_pct", "settling_time_2pct_s", "pass", "results in here"):
         assert part in out
     assert "touches_2pct" not in out
     code, shown, _ = forcectl("show", "here", "--all")
-    assert (code, "touches_2pct" in shown, "done; seed 4, Multibody, in here" in shown) == (0, True, True)
+    assert (code, "touches_2pct" in shown, "done; seed 4, OneDimensional, in here" in shown) == (0, True, True)
     # As after the run, but for where the files are.
     assert forcectl("show", "here")[1].splitlines()[:-2] == out.splitlines()[:-2]
     stored = json.loads(forcectl("show", "here", "--json")[1])

@@ -13,6 +13,7 @@ from forcectl.analysis.transitions import stays
 from forcectl.errors import BadInputError
 from forcectl.framework.yaml_tree import parse
 from forcectl.tasks import StateMachine
+from tests.examples.experiment_runs import simulated
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "task_machines.md").read_text(encoding="utf-8")
@@ -34,8 +35,8 @@ def test_the_code_runs_the_picture_is_its_own_and_the_message_is_that(tmp_path, 
 @pytest.mark.slow
 def test_a_task_of_ones_own_in_yaml_touches_the_table_and_comes_back():
     assert len(SCENARIO.splitlines()) <= 60
-    run = fc.run(parse(SCENARIO, "touch.yaml"))
-    log, (metrics,) = run.log, run.metrics.values()
+    run = simulated(fc.load_scenario(parse(SCENARIO, "touch.yaml")), "touch.yaml")
+    log, metrics = run.log, run.metrics
     assert [stay.mode for stay in stays(log)] == ["wait", "lower", "press", "back", "done"]
     assert metrics["ended"] == 1.0
     mode, force = log["mode"].values, log["tip_wrench"].values[:, 5]

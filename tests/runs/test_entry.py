@@ -49,14 +49,15 @@ def test_every_entry_point_takes_all_four_with_the_same_keywords(entry, tmp_path
 
 
 def test_a_picture_is_called_what_the_scenario_is_called(tmp_path):
-    assert fc.graph("fig_2_7").heading == "Step response of the integral force controller for three gains"
-    assert fc.graph(given("path", tmp_path), variant="K_I = 3 1/s").heading == "own <loop>, K_I = 3 1/s"
+    light = {"fidelity": "OneDimensional"}
+    assert fc.graph("fig_2_7", **light).heading == "Step response of the integral force controller for three gains"
+    assert fc.graph(given("path", tmp_path), variant="K_I = 3 1/s", **light).heading == "own <loop>, K_I = 3 1/s"
     untitled = tmp_path / "untitled.yaml"
     untitled.write_text("duration: 0.2\n")
-    assert fc.graph(untitled).heading == "untitled"
-    page = fc.graph(fc.load_scenario(TREE, variant="K_I = 3 1/s")).render("html")
+    assert fc.graph(untitled, **light).heading == "untitled"
+    page = fc.graph(fc.load_scenario(TREE, variant="K_I = 3 1/s", **light)).render("html")
     assert "<title>own &lt;loop&gt; · block diagram</title>" in page
-    assert fc.graph(fc.build("fig_2_8").diagram).heading == "loop"
+    assert fc.graph(fc.build("fig_2_8", **light).diagram).heading == "loop"
 
 
 def test_keywords_of_a_scenario_do_not_go_with_a_diagram():

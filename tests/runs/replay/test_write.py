@@ -41,7 +41,7 @@ def test_a_replay_is_one_self_contained_page(tmp_path, capfd, without_pictures, 
 
 @pytest.mark.slow
 def test_every_variant_has_its_own_page(tmp_path, without_pictures):
-    fc.run("fig_2_7", overrides={"duration": 0.1}, out=tmp_path / "run", replay=True)
+    fc.run("fig_2_7", overrides={"duration": 0.1}, fidelity="OneDimensional", out=tmp_path / "run", replay=True)
     pages = sorted(path.name for path in (tmp_path / "run").glob("replay*"))
     assert pages == [f"replay_K_I-{gain}-1-s.html" for gain in ("1.5", "3", "4.5")]
 
@@ -51,7 +51,7 @@ def test_a_longer_run_has_more_frames(tmp_path, without_pictures):
     sizes = []
     for duration in (0.1, 1.0):
         out = tmp_path / str(duration)
-        fc.run("fig_2_8", overrides={"duration": duration}, out=out, replay=True)
+        fc.run("fig_2_8", overrides={"duration": duration}, fidelity="OneDimensional", out=out, replay=True)
         sizes.append((out / "replay.html").stat().st_size)
     # Each of the 29 further frames moves at least six links.
     assert sizes[1] - sizes[0] > 29 * 6 * 16

@@ -109,7 +109,7 @@ def test_a_posture_whose_links_touch_names_the_pairs(tmp_path):
 
 
 @pytest.mark.slow
-def test_what_is_proposed_presses(tmp_path, forcectl):
+def test_what_is_proposed_presses(tmp_path, forcectl, without_pictures, without_logs):
     adopt(write_public_robot(tmp_path))
     (tmp_path / "press.yaml").write_text(PRESS.format(folder="acme_support/urdf"))
     code, out, err = forcectl("run", "press.yaml", "--out", "press")
@@ -123,7 +123,7 @@ def test_what_is_proposed_presses(tmp_path, forcectl):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arms", [("",), ("left_", "right_")], ids=["one arm", "two arms"])
-def test_what_is_proposed_reaches(tmp_path, forcectl, arms):
+def test_what_is_proposed_reaches(tmp_path, forcectl, without_pictures, without_logs, arms):
     report = adopt(write_public_robot(tmp_path, arms=arms))
     text = REACH.format(folder="acme_support/urdf", targets=near_targets(report), distance=0.01)
     (tmp_path / "reach.yaml").write_text(text)
@@ -137,7 +137,7 @@ def test_what_is_proposed_reaches(tmp_path, forcectl, arms):
 
 
 @pytest.mark.slow
-def test_without_a_mesh_link_distance_0_still_reaches(tmp_path, forcectl):
+def test_without_a_mesh_link_distance_0_still_reaches(tmp_path, forcectl, without_pictures, without_logs):
     folder = write_public_robot(tmp_path, arms=("left_", "right_"))
     (folder.parent / "meshes/link_4.stl").unlink()
     report = adopt(folder)
