@@ -203,17 +203,20 @@ def _read(text: str, origin: str) -> Tree:
 def _written(text: str) -> tuple[int, int]:
     """How many values a text has, at most one more than are allowed, and how deep they lie; far faster than to read it.
 
-    0 values of a short text: a value is at least one character.
+    0 levels of a short text that is not YAML: Python reads it, whose words are shown.
     """
-    if len(text) <= _MOST_VALUES:
-        return 0, 0
     count = depth = deepest = 0
-    for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # a build may be without C
-        count += isinstance(event, yaml.NodeEvent)
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        deepest = max(deepest, depth)
-        if count > _MOST_VALUES or depth > 10 * _SHALLOW:  # which Python does not go down to
-            break
+    try:
+        for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # a build may be without C
+            count += isinstance(event, yaml.NodeEvent)
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            deepest = max(deepest, depth)
+            if count > _MOST_VALUES or depth > 10 * _SHALLOW:  # which Python does not go down to
+                break
+    except yaml.YAMLError:
+        if len(text) > _MOST_VALUES:  # of characters: Python takes seconds
+            raise
+        return 0, 0
     return count, deepest
 
 

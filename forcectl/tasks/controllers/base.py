@@ -92,10 +92,12 @@ class TaskControllerConfig(Config):
         limits = replace(limits, velocity=(1.0 - self.speed_margin) * limits.velocity)
         shapes = RobotShapes.load(*robot.source) if self.link_distance > 0 else None
         always = constraints_of(self.constraints, model)
-        kept = [
-            [*self._apart(shapes, model, mode.touching), *constraints_of(mode.constraints, model, f"{at}.constraints")]
-            for at, mode in _keys(modes or {"": ModeConfig()})
-        ]
+        apart: dict[str, list[LinkDistance]] = {}  # modes in which the same may touch have the same distances
+        kept = []
+        for at, mode in _keys(modes or {"": ModeConfig()}):
+            if (touching := repr(mode.touching)) not in apart:
+                apart[touching] = self._apart(shapes, model, mode.touching)
+            kept.append([*apart[touching], *constraints_of(mode.constraints, model, f"{at}.constraints")])
 
         def criterion(part: Any, key: str, constraints: Sequence[Constraint]) -> AnyCriterion:
             wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
