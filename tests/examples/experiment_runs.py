@@ -15,6 +15,7 @@ from typing import Any
 import xarray as xr
 
 from forcectl.analysis.findings.finding import RunFinding
+from forcectl.diagrams.loop import Loop
 from forcectl.diagrams.station import SHIPPED_FIDELITIES
 from forcectl.runs.logs import stack
 from forcectl.runs.run import verdicts_on
@@ -77,12 +78,13 @@ def _outcome(name: str, variant: str, changes: Mapping[str, Any]) -> VariantOutc
     return replace(done, variant=variant, log=done.log.assign_coords(variant=variant))
 
 
-def simulated(scenario: Scenario, name: str) -> VariantOutcome:
+def simulated(scenario: Scenario, name: str, loop: Loop | None = None) -> VariantOutcome:
     """A scenario, simulated once whatever it is called: experiments that find gains are the same in several.
 
     Args:
         scenario: complete.
         name: for the message of a failure.
+        loop: of the scenario, where it is built already.
     """
     path = Path(os.environ["FORCECTL_TEST_RUNS"]) / sha256(text_of(scenario).encode()).hexdigest()
     with path.with_suffix(".lock").open("w") as lock:
@@ -90,7 +92,7 @@ def simulated(scenario: Scenario, name: str) -> VariantOutcome:
         if not path.exists():
             for one in identifications(scenario, scenario.experiment):
                 FOUND[text_of(one.scenario)] = simulated(one.scenario, one.experiment).metrics
-            done = simulate(scenario, build(scenario), "default")
+            done = simulate(scenario, loop or build(scenario), "default")
             assert done.failure is None, f"{name}: {done.failure}"
             path.write_bytes(pickle.dumps(replace(done, realtime_factor=None, diagram=None)))
     outcome: VariantOutcome = pickle.loads(path.read_bytes())

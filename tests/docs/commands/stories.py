@@ -59,6 +59,7 @@ class Story:
         files: further files that the commands need, by name; or what writes them.
         short: of the shipped sweeps that are shortened, the reason; see `shortened`.
         pictures: whether figures and block diagrams are drawn.
+        logs: whether logs are written, which takes as long as a short simulation.
     """
 
     steps: tuple[Step, ...]
@@ -66,6 +67,7 @@ class Story:
     files: dict[str, str] = field(default_factory=dict)
     short: str = ""
     pictures: bool = False
+    logs: bool = False
     prepare: Callable[[Path], object] | None = None
 
 
@@ -147,13 +149,13 @@ STORIES = {
         Step("forcectl run fig_2_7", ("K_I = 1.5 1/s", "K_I = 4.5 1/s", "overshoot", "limit cycle",
                                       f"results in runs/fig_2_7-1: {RUN}")),
         Step("forcectl list runs", ("runs/fig_2_7-1", "done")),
-    )),
+    ), logs=True),
     "run and show": Story((
         Step("forcectl run fig_2_7 --set station.environment.stiffness=2e4 --seed 3",
-             ("overshoot", "with --set none fails the run", f"results in runs/fig_2_7-1: {RUN}")),
+             ("overshoot", "with --set none fails the run", f"results in runs/fig_2_7-1: {RUN}"), *LIGHT),
         Step("forcectl show runs/fig_2_7-1 --all",
              ("fig_2_7: Step response of the integral force controller", "contact_loss_s", "seed 3")),
-    )),
+    ), logs=True),
     "readme, run": Story((
         Step('forcectl run fig_2_7 --variant "K_I = 3 1/s" --set station.environment.stiffness=2e4 --seed 3',
              ("overshoot", f"results in runs/fig_2_7-1: {RUN}"),
@@ -184,7 +186,7 @@ STORIES = {
              ("K_P", "K_I", "predicted with a plant model", "next: forcectl run tuned/controller.yaml")),
         Step("forcectl run tuned/controller.yaml",
              ("overshoot", "steady_state_error_N", "results in runs/controller-1"), *LIGHT),
-    )),
+    ), logs=True),
     "tune": Story((
         Step("forcectl tune vrft record.csv --reference-model 1.5 --out tuned",
              ("predicted with a plant model from the same record", "next: forcectl run tuned/controller.yaml"),

@@ -56,7 +56,7 @@ def shared_simulations(monkeypatch):
     from tests.examples.experiment_runs import simulated
 
     def simulate(scenario, loop, variant, realtime_rate=0.0, progress=None):
-        done = simulated(scenario, variant)
+        done = simulated(scenario, variant, loop)
         log = done.log.assign_coords(variant=variant)
         return replace(done, variant=variant, log=log, diagram=loop.diagram, realtime_factor=1.0)
 
@@ -109,6 +109,8 @@ def prepared(request, folder, monkeypatch, warm, plants_identified_once, shared_
         story.prepare(folder)
     if not story.pictures:
         request.getfixturevalue("without_pictures")
+    if not story.logs:
+        request.getfixturevalue("without_logs")
     if story.short == "sweeps":
         shipped = folder / "shipped" / "sweeps"
         shipped.mkdir(parents=True)
