@@ -41,7 +41,7 @@ def scenarios(law, seed=0, **fixed):
     base = {
         "station": {"fidelity": "OneDimensional"},
         "controller": law,
-        "duration": 1.0,
+        "duration": 0.5,
         "reference": Tagged({}, "Step"),
     }
     file = as_file({"title": "steps", **base})
