@@ -197,7 +197,7 @@ def children(pid):
 @pytest.mark.slow
 def test_whatever_is_killed_the_table_is_the_same(whole, tmp_path):
     file, out = write(tmp_path), tmp_path / "out"
-    for kill_workers in (False, True, False):
+    for kill_workers in (False, True):
         process = start("sweep", *([file, "--out", out] if not out.exists() else [out, "--resume"]), "--workers", 1)
         before = rows(out) if out.exists() else 0
         wait_until(lambda p=process, b=before: p.poll() is not None or (out.exists() and rows(out) > b))
