@@ -40,6 +40,7 @@ def test_what_is_pasted_is_what_is_proposed_but_for_what_was_checked(arm):
             assert proposed[key] == pasted[key]
 
 
+@pytest.mark.slow
 def test_it_presses():
     log = fc.run(parse(PRESS, "press.yaml")).log
     assert abs(float(log["contact_force"][-200:].mean()) - 10.0) < 1.0

@@ -41,6 +41,7 @@ def folder(tmp_path, monkeypatch):
     sys.modules.pop("my_parts", None)
 
 
+@pytest.mark.slow
 def test_every_part_of_the_page_runs_from_yaml(folder):
     result = fc.run("my_workcell.yaml", out="result")
     log, metrics = result.log, result.metrics["default"]
@@ -179,6 +180,7 @@ def test_a_load_and_a_fault_of_ones_own(folder):
     assert np.ptp(true[time > 0.06]) > 1e-3
 
 
+@pytest.mark.slow
 def test_an_excitation_of_ones_own_is_pressed_with(folder):
     controller = RecursiveVrftConfig(excitation=importlib.import_module("my_parts").Humming())
     log = fc.run({"controller": controller, "duration": 3.0}).log

@@ -149,6 +149,7 @@ def test_a_reference_model_that_rests_while_the_loop_is_open_is_not_drawn():
     assert legend(figures["force"]) == ["reference", "measured force"]
 
 
+@pytest.mark.slow
 def test_the_same_log_gives_the_same_files_and_a_readable_picture(tmp_path):
     first, second = (write_figures(run_figures(log(), "T"), tmp_path / name) for name in ("a", "b"))
     assert [path.name for path in first] == ["force.svg", "force.png", "model_error.svg", "model_error.png"]

@@ -32,6 +32,7 @@ def table(folder):
     return (folder / "trials.parquet").read_bytes()
 
 
+@pytest.mark.slow
 def test_shards_in_any_order_and_twice_are_the_whole(parts, tmp_path):
     folders = [parts / f"part-{i}" for i in (2, 3, 1)]
     merge(folders, tmp_path / "all")
@@ -67,6 +68,7 @@ def test_done_stands_above_failed_and_contradictions_are_told(parts, tmp_path):
         merge([parts / "part-1", changed("other", success=None)], tmp_path / "both")
 
 
+@pytest.mark.slow
 def test_directories_of_other_sweeps_are_refused(parts, tmp_path):
     fc.sweep(small(seeds=1), out=tmp_path / "other", shard=(1, 3), engine="sequential", report=False)
     with pytest.raises(BadInputError, match="is of another sweep than"):
