@@ -36,7 +36,7 @@ Matrix = NDArray[np.float64]
 _CHUNK = 1024
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)  # some sensors, each with two chunks where one follows the other
 def _noise_chunk(sources: tuple[tuple[int, int], ...], chunk: int) -> NDArray[np.float64]:
     rows = [np.random.default_rng((seed, element, chunk)).standard_normal(_CHUNK) for seed, element in sources]
     values = np.ascontiguousarray(np.transpose(rows))
