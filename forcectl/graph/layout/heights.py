@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from forcectl.graph.layout.rows import Columns, Crossing, Item
 
@@ -16,11 +17,11 @@ _WORK = 1500  # wires that are tried to be straight, at most
 def set_heights(columns: Columns, hops: Sequence[Crossing], lengths: Mapping[Crossing, int]) -> None:
     """Set `y` of every item; the order in the columns stays."""
     wires = _by_merit(hops, lengths)
-    chosen, heights = _most_straight(columns, wires)
-    run = _runs(columns, chosen)
-    _relax(columns, wires, run, heights.y)
-    top = min(heights.y.values(), default=0.0)
-    for item, y in heights.y.items():
+    heights = _most_straight(columns, wires)
+    found = heights.y
+    _relax(columns, wires, heights.runs(), found)
+    top = min(found.values(), default=0.0)
+    for item, y in found.items():
         item.y = round(y - top, 2)
 
 
@@ -33,8 +34,8 @@ def estimate_heights(columns: Columns, hops: Sequence[Crossing], lengths: Mappin
         item.y = y
 
 
-def _most_straight(columns: Columns, wires: list[Crossing]) -> tuple[list[Crossing], _Heights]:
-    """The wires that are straight, and the heights for it: where one keeps several from it, those go first."""
+def _most_straight(columns: Columns, wires: list[Crossing]) -> _Heights:
+    """The heights with which many wires are straight: where one keeps several from it, those go first."""
 
     def tried(order: list[Crossing]) -> tuple[list[Crossing], _Heights]:
         heights = _Heights(columns)
@@ -58,7 +59,7 @@ def _most_straight(columns: Columns, wires: list[Crossing]) -> tuple[list[Crossi
         if saved(found) > saved(best):
             best, heights = found, other
             waiting = [hop for hop in wires if hop not in set(best)]
-    return best, heights
+    return heights
 
 
 def gap(upper: Item, lower: Item) -> float:
@@ -68,54 +69,105 @@ def gap(upper: Item, lower: Item) -> float:
     return _GAP_TERMINAL if upper.terminal and lower.terminal else _GAP_BOX
 
 
+@dataclass(eq=False, slots=True)
+class _Run:
+    """Items that straight wires join; they move together.
+
+    Attributes:
+        y: height of the first of them.
+        members: them.
+        after: what is below one of them, and by how much at least it is lower than the first one.
+    """
+
+    y: float
+    members: list[_Member]
+    after: list[tuple[_Member, float]]
+
+
+@dataclass(eq=False, slots=True)
+class _Member:
+    """An item, and how much lower than the first one of its run it is."""
+
+    item: Item
+    run: _Run
+    lower: float = 0.0
+
+
 class _Heights:
     """Least heights that keep the distances, and the wires that are straight so far."""
 
     def __init__(self, columns: Columns) -> None:
-        self.y: dict[Item, float] = {}
-        self._after: dict[Item, list[tuple[Item, float]]] = defaultdict(list)
+        self._member: dict[Item, _Member] = {}
         for column in columns:
             at = 0.0
-            for i, item in enumerate(column):
-                if i:
-                    need = column[i - 1].height + gap(column[i - 1], item)
-                    self._after[column[i - 1]].append((item, need))
+            for upper, item in zip([None, *column], column, strict=False):
+                if upper:
+                    need = upper.height + gap(upper, item)
                     at += need
-                self.y[item] = at
+                run = _Run(at, [], [])
+                member = self._member[item] = _Member(item, run)
+                run.members.append(member)
+                if upper:
+                    self._member[upper].run.after.append((member, need))
+
+    @property
+    def y(self) -> dict[Item, float]:
+        """The height of every item."""
+        return {item: member.run.y + member.lower for item, member in self._member.items()}
+
+    def runs(self) -> dict[Item, list[Item]]:
+        """The items that straight wires join, for each of them."""
+        found = {id(member.run): member.run for member in self._member.values()}
+        items = {key: [member.item for member in run.members] for key, run in found.items()}
+        return {item: items[id(member.run)] for item, member in self._member.items()}
 
     def straighten(self, hop: Crossing) -> bool:
         """Make a wire straight; returns False, with nothing changed, when others do not let it."""
-        a, b = hop.left, hop.right
-        shift = a.pin("out", hop.left_port)[1] - b.pin("in", hop.right_port)[1]  # b is so much lower than a
-        self._after[a].append((b, shift))
-        self._after[b].append((a, -shift))
-        moved: dict[Item, float] = {}  # from where
-        if self._lower(a, b, shift, moved) and self._lower(b, a, -shift, moved):
+        a, b = self._member[hop.left], self._member[hop.right]
+        shift = hop.left.pin("out", hop.left_port)[1] - hop.right.pin("in", hop.right_port)[1]
+        shift += a.lower - b.lower  # the run of b is so much lower than that of a
+        if a.run is b.run:
+            return abs(shift) < 1e-6
+        if self._moved(a.run, b.run, shift) and self._moved(b.run, a.run, -shift):
+            if len(a.run.members) >= len(b.run.members):
+                _join(a.run, b.run, shift)
+            else:
+                _join(b.run, a.run, -shift)
             return True
-        self.y.update(moved)
-        self._after[a].pop()
-        self._after[b].pop()
         return False
 
-    def _lower(self, fixed: Item, item: Item, shift: float, moved: dict[Item, float]) -> bool:
-        """Move an item down to where it must be, and what is below it; False when that moves what it follows."""
-        y, after = self.y, self._after
-        if y[item] >= y[fixed] + shift - 1e-6:
+    def _moved(self, fixed: _Run, run: _Run, shift: float) -> bool:
+        """Move a run down to where it must be, and what is below it; False, and back, if that moves what it follows."""
+        if run.y >= fixed.y + shift - 1e-6:
             return True
-        moved.setdefault(item, y[item])
-        y[item] = y[fixed] + shift
-        waiting = [item]
+        before = {run: run.y}
+        run.y = fixed.y + shift
+        waiting = [run]
         while waiting:
             upper = waiting.pop()
-            start = y[upper]
-            for lower, need in after[upper]:
-                if y[lower] < start + need - 1e-6:
+            start = upper.y
+            for member, need in upper.after:
+                lower = member.run
+                least = start + need - member.lower
+                if lower.y < least - 1e-6:
                     if lower is fixed:
+                        for moved, y in before.items():
+                            moved.y = y
                         return False
-                    moved.setdefault(lower, y[lower])
-                    y[lower] = start + need
+                    before.setdefault(lower, lower.y)
+                    lower.y = least
                     waiting.append(lower)
         return True
+
+
+def _join(run: _Run, other: _Run, shift: float) -> None:
+    """Make one run of two, the other one being so much lower."""
+    for member in other.members:
+        member.run = run
+        member.lower += shift
+    run.members += other.members
+    after = run.after + [(member, need + shift) for member, need in other.after]
+    run.after = [(member, need) for member, need in after if member.run is not run]
 
 
 def _by_merit(hops: Sequence[Crossing], length: Mapping[Crossing, int]) -> list[Crossing]:
@@ -144,17 +196,6 @@ def path_lengths(hops: Sequence[Crossing]) -> dict[Crossing, int]:
     for hop in reversed(ordered):
         after[hop.left] = max(after[hop.left], after[hop.right] + 1)
     return {hop: before[hop.left] + after[hop.right] for hop in hops}
-
-
-def _runs(columns: Columns, chosen: list[Crossing]) -> dict[Item, list[Item]]:
-    """The items that straight wires join, for each of them."""
-    run = {item: [item] for column in columns for item in column}
-    for hop in chosen:
-        if run[hop.left] is not run[hop.right]:
-            joined = run[hop.left] + run[hop.right]
-            for item in joined:
-                run[item] = joined
-    return run
 
 
 def _relax(columns: Columns, hops: list[Crossing], run: dict[Item, list[Item]], y: dict[Item, float]) -> None:

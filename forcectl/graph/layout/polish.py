@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 from forcectl.graph.layout.measure import CROSSING
 from forcectl.graph.layout.rows import Crossing, Item
-from forcectl.graph.layout.sweeps import Sorter, crossings_of, number_rows
+from forcectl.graph.layout.strands import crossings_of
+from forcectl.graph.layout.sweeps import Sorter
 
 _TRIES = 60  # exchanges whose bends are counted, at most
 _LARGEST = 200  # hops of wires from column to column where it is tried
@@ -110,7 +111,7 @@ def _lead(sorter: Sorter, net: int, chain: list[Item], bent: int, bends: Callabl
     for item, column in zip(chain, columns, strict=True):
         column.remove(item)
         for row, other in enumerate(column):
-            other.row = 2 * row + 1  # slot number n is row 2 n
+            sorter.set_row(other, 2 * row + 1)  # slot number n is row 2 n
     beside = [(strands[net].simple, several) for strands, several in zip(channels, others, strict=True)]
     simple = [[(one.left[0].at, one.right[0].at) for one in several if own and one.simple] for own, several in beside]
     rest = [[one for one in several if not (own and one.simple)] for own, several in beside]
@@ -132,11 +133,11 @@ def _lead(sorter: Sorter, net: int, chain: list[Item], bent: int, bends: Callabl
         reached: list[float] = []
         for slot in range(len(columns[channel]) + 1) if channel < len(chain) else (0,):
             if channel < len(chain):
-                chain[channel].row = 2 * slot
+                sorter.set_row(chain[channel], 2 * slot)
             found = []
             for earlier, cost in enumerate(costs):
                 if channel:
-                    chain[channel - 1].row = 2 * earlier
+                    sorter.set_row(chain[channel - 1], 2 * earlier)
                 found.append(cost + crossed_now(channel) - 0.001 * slot)  # of equals the lower one
             way.append(min(range(len(found)), key=found.__getitem__))
             reached.append(found[way[-1]])
@@ -146,11 +147,11 @@ def _lead(sorter: Sorter, net: int, chain: list[Item], bent: int, bends: Callabl
     for place in reversed(range(len(chain))):
         slot = ways[place + 1][slot]
         columns[place].insert(slot, chain[place])
-    number_rows(columns)
+    sorter.number_rows(columns)
     after = sum(map(crossed, range(len(channels))))
     if CROSSING * after + (now := bends()) < CROSSING * before + bent:
         return now
     for column, order in zip(columns, kept, strict=True):
         column[:] = order
-    number_rows(columns)
+    sorter.number_rows(columns)
     return bent

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 from forcectl.graph.layout.measure import CROSSING
 from forcectl.graph.layout.rows import Columns, Crossing, Item, Turn
+from forcectl.graph.layout.strands import Pair, Pin, Strand, crossings_of, pairs_of
 
 _SWEEPS, _ROUNDS, _PATIENCE = 8, 4, 2
 _MORE = 2  # crossings more than in the best order, where bends decide
@@ -21,46 +22,31 @@ _WORK = 500  # sweeps times signals in the channels, at most
 BOTTOM = 1.0e6
 
 
-@dataclass(eq=False)
-class _Pin:
-    """One end of a signal in a channel: its place in the column is that of its item and the fraction of it."""
-
-    item: Item
-    side: str
-    port: str
-    fraction: float = 0.5
-
-    @property
-    def at(self) -> float:
-        return self.item.row + self.fraction
-
-
-@dataclass(eq=False)
-class Strand:
-    """A signal inside one channel.
+@dataclass(slots=True)
+class _Meeting:
+    """What two items of a column have to do with each other.
 
     Attributes:
-        left, right: its ends in the columns at either side.
-        simple: one end on either side.
+        ends: where the signals of the one and of the other go, of those that have one end on either side.
+        others: pairs of signals otherwise.
     """
 
-    left: list[_Pin] = field(default_factory=list)
-    right: list[_Pin] = field(default_factory=list)
-    simple: bool = False
+    ends: list[tuple[Pin, Pin]]
+    others: list[Pair]
 
-    def heights(self) -> tuple[list[float], list[float]]:
-        """Of its ends at either side."""
-        return [pin.at for pin in self.left], [pin.at for pin in self.right]
+    def tangled(self, above: bool) -> bool:
+        """Whether signals cross, the one item being above the other or below it."""
+        for one, other in self.ends:
+            if one.at > other.at if above else one.at < other.at:
+                return True
+        return any(map(crossings_of, self.others))
 
-
-_NOWHERE = Item(0)
-
-
-def number_rows(columns: Columns) -> None:
-    """Set `row` of every item."""
-    for column in columns:
-        for row, item in enumerate(column):
-            item.row = row
+    def added(self, above: bool) -> int:
+        """How many of the signals with one end on either side cross more, when the one item above goes below."""
+        more = 0
+        for one, other in self.ends:
+            more += (one.at < other.at) - (one.at > other.at)
+        return more if above else -more
 
 
 class Sorter:
@@ -82,9 +68,15 @@ class Sorter:
     ) -> None:
         self.columns = columns
         self.strands: dict[int, dict[int, Strand]] = defaultdict(lambda: defaultdict(Strand))
-        self._pins: dict[tuple[Item, str, str], _Pin] = {}
+        self._pins: dict[tuple[Item, str, str], Pin] = {}
+        self._at: dict[Item, list[tuple[str, str, Pin]]] = defaultdict(list)
+        self._owner: dict[Pin, Item] = {}
         self._touching: dict[tuple[Item, str], list[Strand]] = defaultdict(list)
-        self._between: dict[tuple[Item, Item], list[tuple[Strand, Strand]]] = {}
+        self._starting: dict[tuple[Item, str, str], list[Strand]] = defaultdict(list)
+        self._strands_of: dict[Item, list[Strand]] = defaultdict(list)
+        self._between: dict[tuple[Item, Item], _Meeting] = {}
+        self._changes = [0] * (len(columns) + 2)  # of each column, those before the first and behind the last one too
+        self._settled: dict[Item, tuple[int, ...]] = {}  # changes of the columns around, when it stood best where it is
         for hop in hops:
             strand = self.strands[hop.channel][hop.net]
             self._join(strand, "left", hop.left, "out", hop.left_port)
@@ -98,17 +90,43 @@ class Sorter:
             at_left = item.rank == 0
             strand = self.strands[-1 if at_left else len(columns)][number]
             self._join(strand, "right" if at_left else "left", item, "in" if at_left else "out", "")
-            (strand.left if at_left else strand.right).append(_Pin(_NOWHERE, "", "", height))
+            (strand.left if at_left else strand.right).append(Pin(height, height))
         for strand in itertools.chain.from_iterable(strands.values() for strands in self.strands.values()):
             strand.simple = len(strand.left) == len(strand.right) == 1
+        for (item, _), strands in self._touching.items():
+            self._strands_of[item] += strands
 
     def _join(self, strand: Strand, side: str, item: Item, way: str, port: str) -> None:
-        pin = self._pins.setdefault((item, way, port), _Pin(item, way, port))
-        pins: list[_Pin] = getattr(strand, side)
+        if (pin := self._pins.get((item, way, port))) is None:
+            pin = self._pins[item, way, port] = Pin()
+            self._owner[pin] = item
+            self._at[item].append((way, port, pin))
+        pins: list[Pin] = getattr(strand, side)
         if pin not in pins:
             pins.append(pin)
+            self._starting[item, way, port].append(strand)
         if strand not in self._touching[item, way]:
             self._touching[item, way].append(strand)
+
+    def set_row(self, item: Item, row: int) -> None:
+        """Put an item into a row: its wires end there."""
+        if item.row != row:
+            item.row = row
+            self._move_pins(item)
+
+    def _move_pins(self, item: Item) -> None:
+        row = item.row
+        for _, _, pin in self._at[item]:
+            pin.at = row + pin.fraction
+        for strand in self._strands_of[item]:
+            strand.moved = True
+        self._changes[item.rank + 1] += 1
+
+    def number_rows(self, columns: Columns) -> None:
+        """Put the items of some columns into the rows in which they stand there."""
+        for column in columns:
+            for row, item in enumerate(column):
+                self.set_row(item, row)
 
     def sort(self, bends: Callable[[], int] | None) -> None:
         """Find the order in which few wires cross and bend.
@@ -149,16 +167,18 @@ class Sorter:
         self._number()
 
     def _number(self) -> None:
-        number_rows(self.columns)
         for item in itertools.chain.from_iterable(self.columns):
             for side in ("in", "out"):
                 self._set_fractions(item, side)
+        self.number_rows(self.columns)
 
     def _set_fractions(self, item: Item, side: str) -> None:
-        if not item.wire:
-            for port in item.ports.get(side, []):
-                if (pin := self._pins.get((item, side, port))) is not None:
-                    pin.fraction = item.fraction(side, port)
+        before = [pin.fraction for _, _, pin in self._at[item]]
+        for way, port, pin in self._at[item]:
+            if way == side and port:
+                pin.fraction = item.fraction(side, port)
+        if before != [pin.fraction for _, _, pin in self._at[item]]:
+            self._move_pins(item)
 
     def _sweep(self, rightwards: bool) -> None:
         """Order every column by the mean place of what it is wired to in the one before."""
@@ -169,15 +189,14 @@ class Sorter:
             for strand in self.strands[rank - 1 if rightwards else rank].values():
                 there = [pin.at for pin in getattr(strand, far)]
                 if not there:  # it turns round: below everything
-                    count = len(self.columns[rank])
-                    there = [count + 2.0 - min(pin.at for pin in getattr(strand, near)) / (count + 1.0)]
+                    rows = len(self.columns[rank])
+                    there = [rows + 2.0 - min(pin.at for pin in getattr(strand, near)) / (rows + 1.0)]
                 for pin in getattr(strand, near):
-                    pull[pin.item] += there
+                    pull[self._owner[pin]] += there
             column = self.columns[rank]
             wanted = {item: sum(pull[item]) / len(pull[item]) if pull[item] else float(item.row) for item in column}
             column.sort(key=wanted.__getitem__)
-            for row, item in enumerate(column):
-                item.row = row
+            self.number_rows([column])
 
     def _sort_ports(self, by_mean: bool) -> bool:
         """Exchange the ports of loose items: first by the mean place of their other ends, then neighbours."""
@@ -188,14 +207,11 @@ class Sorter:
             for side, ports in item.ports.items():
                 if len(ports) < 2:
                     continue
-                strands = {
-                    port: [s for s in self._touching[item, side] if self._has(s, item, side, port)] for port in ports
-                }
+                strands = {port: self._starting[item, side, port] for port in ports}
                 if by_mean:
-                    far = 1 if side == "out" else 0
                     mean = {}
                     for port in ports:
-                        there = [y for s in strands[port] for y in s.heights()[far]]
+                        there = [pin.at for s in strands[port] for pin in (s.right if side == "out" else s.left)]
                         mean[port] = sum(there) / len(there) if there else BOTTOM
                     ports.sort(key=mean.__getitem__)
                     self._set_fractions(item, side)
@@ -203,75 +219,90 @@ class Sorter:
                     changed = False
                     for i in range(len(ports) - 1):
                         upper, lower = ports[i], ports[i + 1]
-                        pairs = _pairs(strands[upper], strands[lower])
+                        pairs = pairs_of(strands[upper], strands[lower])
                         if (before := sum(map(crossings_of, pairs))) == 0:
                             continue
                         ports[i], ports[i + 1] = lower, upper
+                        changes = self._changes[item.rank + 1]
                         self._set_fractions(item, side)
                         if sum(map(crossings_of, pairs)) < before:
                             changed = True
                         else:
                             ports[i], ports[i + 1] = upper, lower
                             self._set_fractions(item, side)
+                            self._changes[item.rank + 1] = changes
                     moved |= changed
                     if not changed:
                         break
         return moved
 
-    def _has(self, strand: Strand, item: Item, side: str, port: str) -> bool:
-        pin = self._pins.get((item, side, port))
-        return pin in (strand.left if side == "out" else strand.right)
-
     def _sift_all(self) -> bool:
         moved = False
-        for column in self.columns:
+        for rank, column in enumerate(self.columns):
             if len(column) > 1:
                 for item in list(column):
-                    moved |= self._sift(column, item)
+                    around = tuple(self._changes[rank : rank + 3])
+                    if self._settled.get(item) == around:
+                        continue
+                    if self._sift(column, item):
+                        moved = True
+                    else:
+                        self._changes[rank + 1] = around[1]  # everything stands where it stood
+                        self._settled[item] = around
         return moved
 
     def _sift(self, column: list[Item], item: Item) -> bool:
         """Move an item through its column, and leave it where fewest wires cross."""
         start = item.row
         best, least = start, 0
-        if not any(crossings_of(pair) for other in column if other is not item for pair in self._meeting(item, other)):
+        if not any(self._meeting(item, other).tangled(start < other.row) for other in column if other is not item):
             return False
+        order = list(column)
         for step in (-1, 1):
             total = 0
             while 0 <= item.row + step < len(column):
                 total += self.swapped(column, item, item.row + step)
                 if total < least:
                     best, least = item.row, total
-            while item.row != start:
-                self.swap(column, item, item.row - step)
-        while item.row != best:
-            self.swap(column, item, item.row + (1 if best > item.row else -1))
+            column[:] = order
+            self.number_rows([column])
+        if best != start:
+            column.insert(best, column.pop(start))
+            self.number_rows([column])
         return best != start
 
     def swap(self, column: list[Item], item: Item, row: int) -> None:
         """Exchange an item with its neighbour."""
         other = column[row]
         column[row], column[item.row] = item, other
-        other.row, item.row = item.row, row
+        self.set_row(other, item.row)
+        self.set_row(item, row)
 
     def swapped(self, column: list[Item], item: Item, row: int) -> int:
         """Exchange an item with its neighbour; returns how many crossings more there are."""
-        pairs = self._meeting(item, column[row])
-        if not pairs:
-            self.swap(column, item, row)
-            return 0
-        before = sum(map(crossings_of, pairs))
+        meeting = self._meeting(item, column[row])
+        more = meeting.added(item.row < row)
+        if meeting.others:
+            more -= sum(map(crossings_of, meeting.others))
         self.swap(column, item, row)
-        return sum(map(crossings_of, pairs)) - before
+        if meeting.others:
+            more += sum(map(crossings_of, meeting.others))
+        return more
 
-    def _meeting(self, item: Item, other: Item) -> list[tuple[Strand, Strand]]:
+    def _meeting(self, item: Item, other: Item) -> _Meeting:
         """The pairs of signals at two items of a column."""
-        if (pairs := self._between.get((item, other))) is None:
-            pairs = []
+        if (meeting := self._between.get((item, other))) is None:
+            ends: list[tuple[Pin, Pin]] = []
+            others: list[Pair] = []
             for side in ("in", "out"):
-                pairs += _pairs(self._touching[item, side], self._touching[other, side])
-            self._between[item, other] = self._between[other, item] = pairs
-        return pairs
+                for one, second in pairs_of(self._touching[item, side], self._touching[other, side]):
+                    if one.simple and second.simple:
+                        ends.append((one.right[0], second.right[0]) if side == "out" else (one.left[0], second.left[0]))
+                    else:
+                        others.append((one, second))
+            meeting = self._between[item, other] = _Meeting(ends, others)
+            self._between[other, item] = _Meeting([(second, one) for one, second in ends], others)
+        return meeting
 
     def _total(self) -> int:
         return sum(
@@ -279,37 +310,3 @@ class Sorter:
             for strands in self.strands.values()
             for pair in itertools.combinations(strands.values(), 2)
         )
-
-
-def _pairs(some: Sequence[Strand], others: Sequence[Strand]) -> list[tuple[Strand, Strand]]:
-    """The pairs of two different ones, each pair once."""
-    found = {}
-    for a in some:
-        for b in others:
-            if a is not b:
-                found[frozenset((id(a), id(b)))] = (a, b)
-    return list(found.values())
-
-
-def crossings_of(pair: tuple[Strand, Strand]) -> int:
-    """How often two signals cross in a channel when the upright lines of both stand in the better order."""
-    one, other = pair
-    if one.simple and other.simple:  # by far the most: one end on either side
-        (a,), (b,), (c,), (d,) = one.left, one.right, other.left, other.right
-        left = a.item.row + a.fraction - c.item.row - c.fraction
-        return 1 if left * (b.item.row + b.fraction - d.item.row - d.fraction) < 0.0 else 0
-    (a_left, a_right), (b_left, b_right) = one.heights(), other.heights()
-    a_all, b_all = a_left + a_right, b_left + b_right
-    a_low, a_high, b_low, b_high = min(a_all), max(a_all), min(b_all), max(b_all)
-    if a_high < b_low or b_high < a_low:
-        return 0
-    first = second = 0
-    for y in a_right:
-        first += b_low < y < b_high
-    for y in b_left:
-        first += a_low < y < a_high
-    for y in b_right:
-        second += a_low < y < a_high
-    for y in a_left:
-        second += b_low < y < b_high
-    return first if first < second else second
