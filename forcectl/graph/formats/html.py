@@ -33,6 +33,8 @@ def to_html(graph: BlockGraph) -> str:
     paths = {block.path: number for number, block in enumerate(graph.root.walk())}
     around = _around(graph)
     depths = [graph.unfolded(depth) for depth in range(graph.root.height + 1)]
+    for opened in depths:  # with care, and first: parts of them serve in the states between
+        layouter.picture(opened)
     states = [
         _state(graph, layouter.picture(opened, careful=opened in depths), opened, paths, fragments)
         for opened in fold_states(graph)

@@ -41,7 +41,9 @@ class Layouter:
         if block.path not in opened:
             return _folded(block)
         inside = opened.intersection(inner.path for inner in block.walk())
-        key = (block.path, inside, frozenset(hints.items()), careful)
+        key = (block.path, inside, frozenset(hints.items()), True)
+        if key not in self._done:  # what was laid out with care serves where less of it would do
+            key = (*key[:3], careful)
         if key not in self._done:
             column = ranks(block)
             inner: dict[str, Picture] = {}
@@ -76,9 +78,13 @@ def _hints(block: Block, child: Block, inner: dict[str, Picture]) -> Hints:
         if source.block == child.path and target.block in (*inner, child.path):
             back = ports[target.block]["in", target.port] if target.block in inner else 0.0
             hints["out", source.port] = BOTTOM + round(back)
-    # Only their order counts: what is laid out once serves again.
-    order = {height: number for number, height in enumerate(sorted(set(hints.values())))}
-    return {port: order[height] + (BOTTOM if height >= BOTTOM else 0.0) for port, height in hints.items()}
+    # Only their order at each side counts: what is laid out once serves again.
+    order = {
+        (side, height): number
+        for side in ("in", "out")
+        for number, height in enumerate(sorted({height for port, height in hints.items() if port[0] == side}))
+    }
+    return {port: order[port[0], height] + (BOTTOM if height >= BOTTOM else 0.0) for port, height in hints.items()}
 
 
 def _folded(block: Block) -> Picture:
