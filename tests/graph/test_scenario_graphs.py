@@ -16,10 +16,14 @@ from pydrake.systems.framework import Diagram
 
 from forcectl.diagrams.station import SHIPPED_FIDELITIES
 from forcectl.graph.export import FORMATS, Graph, graph
+from forcectl.graph.formats import html, svg
+from forcectl.graph.formats import print as print_
 from forcectl.graph.formats.picture import Layouter
+from forcectl.graph.model import Block, BlockGraph
 from forcectl.scenario.catalog import find_scenario, list_experiments
 from forcectl.scenario.scenario import as_file, build, resolve, select_variants
 from tests.examples.experiment_runs import fidelities_of
+from tests.graph.layout.test_against_elk import without_parameters
 
 EXPERIMENTS = [name for name in list_experiments() if "reference" in find_scenario(name).tree]
 STAGES = ("reference", "controller", "station")
@@ -42,18 +46,36 @@ def graph_of(experiment: str, fidelity: str, depth: int | None = 1) -> Graph:
     return Graph(whole_graph_of(experiment, fidelity).root, depth)
 
 
-CONTENTS: dict[tuple[str, str], bytes] = {}
+LAYOUTS: dict[int, Layouter] = {}
+
+
+def layouter_of(drawn: BlockGraph) -> Layouter:
+    """One graph in another format, or folded to another depth, is drawn with what is laid out already."""
+    new = Layouter(drawn)
+    new._done = LAYOUTS.setdefault(id(drawn.root), new)._done
+    return new
+
+
+@pytest.fixture(autouse=True)
+def laid_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (html, print_, svg):
+        monkeypatch.setattr(module, "Layouter", layouter_of)
+
+
+# The page with most fold states, and the one with most blocks: of the others only the depths are drawn here, by the
+# same functions.
+EVERY_STATE = ("fig_2_7", "pipette")
+CONTENTS: dict[tuple[str, object], bytes] = {}
 
 
 def content_of(drawn: Graph, format_: str, folder: Path) -> bytes:
     """What is saved in a format. Experiments that differ in numbers only are the same picture, which is printed once.
 
-    A page unfolds every block: it is the same, but for the values of parameters, where the unfolded pictures are.
+    A page unfolds every block: it is the same, but for numbers, where the blocks are.
     """
     if format_ not in ("html", "pdf", "png"):
         return saved(drawn, format_, folder)
-    depths = (drawn.depth, None) if format_ == "html" else (drawn.depth,)
-    key = format_, "".join(svg_of(drawn, depth) for depth in depths)
+    key = format_, (without_parameters(drawn.root), drawn.depth) if format_ == "html" else svg_of(drawn, drawn.depth)
     if key not in CONTENTS:
         CONTENTS[key] = saved(drawn, format_, folder)
     return CONTENTS[key]
@@ -115,6 +137,7 @@ def assert_html(content: bytes, drawn: Graph, stages: set[str]) -> None:
     assert {block["path"] for block in data["blocks"]} == set(drawn.by_path)
     assert data["start"] == data["depths"][1]
     assert len(data["depths"]) > 2
+    assert set(data["depths"]) <= {state["open"] for state in data["states"]}
 
 
 def assert_dot(content: bytes, drawn: Graph, stages: set[str]) -> None:
@@ -158,9 +181,13 @@ VALID = {
 
 @pytest.mark.parametrize("format_", FORMATS)
 @pytest.mark.parametrize("experiment", list_experiments())
-def test_every_experiment_draws_in_every_format(experiment: str, format_: str, tmp_path: Path) -> None:
+def test_every_experiment_draws_in_every_format(
+    experiment: str, format_: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     fidelity = fidelities_of(experiment)[-1] if experiment in EXPERIMENTS else "Multibody"
     drawn = graph_of(experiment, fidelity)
+    if experiment not in EVERY_STATE:
+        monkeypatch.setattr(html, "fold_states", lambda folded: [folded.unfolded(depth) for depth in range(5)])
     content = content_of(drawn, format_, tmp_path)
     assert len(content) > 300
     VALID[format_](content, drawn, stages_of(experiment, fidelity))
@@ -224,12 +251,24 @@ def test_interactive_page_holds_the_whole_diagram(tmp_path: Path) -> None:
         assert block in page
 
 
+SIZES: dict[Block, tuple[float, float]] = {}
+
+
+def size_of(drawn: Graph) -> tuple[float, float]:
+    """Width and height of the picture; experiments that differ in numbers only are laid out once."""
+    structure = without_parameters(drawn.root)
+    if structure not in SIZES:
+        picture = layouter_of(drawn).picture()
+        SIZES[structure] = picture.width, picture.height
+    return SIZES[structure]
+
+
 @pytest.mark.parametrize("experiment", list_experiments())
 def test_no_picture_of_a_shipped_experiment_is_wide(experiment: str) -> None:
     """It is broken into rows: at depth 2 at most 2.5 : 1, so that it can be read in a window and on a page."""
     for fidelity in ["Multibody"] if experiment not in EXPERIMENTS else fidelities_of(experiment):
-        picture = Layouter(graph_of(experiment, fidelity, 2)).picture()
-        assert picture.width <= 2.5 * picture.height
+        width, height = size_of(graph_of(experiment, fidelity, 2))
+        assert width <= 2.5 * height
 
 
 def test_the_mark_is_the_sample_time_of_what_comes_out() -> None:

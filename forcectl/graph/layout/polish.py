@@ -10,6 +10,8 @@ import itertools
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 
+import numpy as np
+
 from forcectl.graph.layout.measure import CROSSING
 from forcectl.graph.layout.rows import Crossing, Item
 from forcectl.graph.layout.strands import crossings_of
@@ -39,6 +41,7 @@ def polish(sorter: Sorter, hops: Iterable[Crossing], bends: Callable[[], int]) -
     tries, improved = _TRIES, True
     while improved and tries:
         improved = False
+        bends()  # of the order as it is: by their heights wires are straight or not
         for pairs in _exchanges(sorter, ordered):
             if not tries:
                 break
@@ -112,33 +115,32 @@ def _lead(sorter: Sorter, net: int, chain: list[Item], bent: int, bends: Callabl
         column.remove(item)
         for row, other in enumerate(column):
             sorter.set_row(other, 2 * row + 1)  # slot number n is row 2 n
-    beside = [(strands[net].simple, several) for strands, several in zip(channels, others, strict=True)]
-    simple = [[(one.left[0].at, one.right[0].at) for one in several if own and one.simple] for own, several in beside]
-    rest = [[one for one in several if not (own and one.simple)] for own, several in beside]
-
-    def crossed_now(channel: int) -> int:
-        """As `crossed`, where nothing but this wire moves."""
-        own = channels[channel][net]
-        total = sum(crossings_of((own, other)) for other in rest[channel])
-        if simple[channel]:
-            at_left, at_right = own.left[0].at, own.right[0].at
-            total += sum((a < at_left) != (b < at_right) for a, b in simple[channel])
-        return total
-
     # Through each channel from every slot to every slot: the least crossings up to there, and the slot before.
     costs = [0.0]
     ways: list[list[int]] = []
-    for channel in range(len(channels)):
+    for channel, several in enumerate(others):
+        own = channels[channel][net]
+        slots = len(columns[channel]) + 1 if channel < len(chain) else 1
+        plain = [one for one in several if own.simple and one.simple]
+        rest = [(own, one) for one in several if not (own.simple and one.simple)]
+        if plain:
+            # A bend point is in the middle of its slot, the ends of the wire stay where they are.
+            starts = np.arange(len(costs)) * 2 + 0.5 if channel else np.array([own.left[0].at])
+            stops = np.arange(slots) * 2 + 0.5 if channel < len(chain) else np.array([own.right[0].at])
+            lefts, rights = np.array([(one.left[0].at, one.right[0].at) for one in plain]).T
+            turned = (lefts < starts[:, None])[:, None] != (rights < stops[:, None])
+            table = turned.sum(axis=2).tolist()
         way: list[int] = []
         reached: list[float] = []
-        for slot in range(len(columns[channel]) + 1) if channel < len(chain) else (0,):
+        for slot in range(slots):
             if channel < len(chain):
                 sorter.set_row(chain[channel], 2 * slot)
             found = []
             for earlier, cost in enumerate(costs):
                 if channel:
                     sorter.set_row(chain[channel - 1], 2 * earlier)
-                found.append(cost + crossed_now(channel) - 0.001 * slot)  # of equals the lower one
+                crossings = sum(map(crossings_of, rest)) + (table[earlier][slot] if plain else 0)
+                found.append(cost + crossings - 0.001 * slot)  # of equals the lower one
             way.append(min(range(len(found)), key=found.__getitem__))
             reached.append(found[way[-1]])
         costs = reached
@@ -148,6 +150,8 @@ def _lead(sorter: Sorter, net: int, chain: list[Item], bent: int, bends: Callabl
         slot = ways[place + 1][slot]
         columns[place].insert(slot, chain[place])
     sorter.number_rows(columns)
+    if columns == kept:
+        return bent
     after = sum(map(crossed, range(len(channels))))
     if CROSSING * after + (now := bends()) < CROSSING * before + bent:
         return now

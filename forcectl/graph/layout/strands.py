@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from forcectl.graph.layout.rows import Item
-
 
 @dataclass(eq=False, slots=True)
 class Pin:
