@@ -2,34 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 
 from forcectl.graph.layout.strips import Strips
 
 _MOST_ROWS = 4
+_LEAN = 2  # other ways of breaking that are tried
 
 
 def in_rows(
-    lay_out: Callable[[Sequence[int]], Strips], last: int, *, widest: float, narrow: float, high: float
+    lay_out: Callable[[Sequence[int]], Strips],
+    last: int,
+    passing: Mapping[int, int],
+    cost: Callable[[Strips], tuple[float, int]] | None,
+    *,
+    widest: float,
+    narrow: float,
+    high: float,
 ) -> Strips:
     """The layout in one row of columns, or in as many as it takes not to be wide.
 
     Args:
         lay_out: with rows that end behind these columns.
         last: column, counted from 1 on.
+        passing: how many signals lead past the right side of each column.
+        cost: of the wires of a layout, by which rows between which fewer signals lead are compared; None: they are not.
         widest: width by height of what is not broken further.
         narrow: width of what is not broken further [px].
         high: height of what stands above and below the rows [px].
     """
+
+    def fits(strips: Strips) -> bool:
+        return strips.width <= max(narrow, widest * (strips.height + high))
+
     best = strips = lay_out([])
     widths = strips.spans()
+    cuts: list[int] = []
     for rows in range(2, min(_MOST_ROWS, last) + 1):
-        if best.width <= max(narrow, widest * (best.height + high)):
+        if fits(best):
             break
-        strips = lay_out(_cuts(widths, rows))
+        tried = _cuts(widths, rows)
+        strips = lay_out(tried)
         if strips.width < best.width:
-            best = strips
+            best, cuts = strips, tried
+    if cuts and cost:
+        room = max(narrow, best.width)
+        for other in _lean_cuts(widths, len(cuts) + 1, passing, room):
+            if other != cuts:
+                strips = lay_out(other)
+                if (fits(strips) or strips.width <= best.width) and cost(strips) < cost(best):
+                    best = strips
     return best
+
+
+def _lean_cuts(widths: Sequence[float], rows: int, passing: Mapping[int, int], room: float) -> list[list[int]]:
+    """Columns behind which rows end, so that few signals lead from row to row and no row is wider than `room`."""
+    ends = [0.0, *itertools.accumulate(widths)]
+    found = []
+    for cuts in itertools.combinations(range(1, len(widths)), rows - 1):
+        row_widths = [ends[b] - ends[a] for a, b in itertools.pairwise([0, *cuts, len(widths)])]
+        if max(row_widths) <= room:
+            found.append((sum(passing[cut] for cut in cuts), max(row_widths), list(cuts)))
+    return [cuts for _, _, cuts in sorted(found)[:_LEAN]]
 
 
 def _cuts(widths: Sequence[float], rows: int) -> list[int]:

@@ -77,7 +77,15 @@ def frame(
         return best
 
     title = FRAME_NAME * text_width(block.name, TITLE_SIZE, bold=True) + text_width(subtitle(block), TYPE_SIZE) + 46.0
-    best = in_rows(laid_out, last, widest=_WIDEST[whole], narrow=_NARROW[whole], high=FRAME_TITLE + 2 * _PAD)
+    passing = dict.fromkeys(range(1, last + 1), 0)
+    for source, targets in wires.items():
+        ranks = [column[end.block] for end in (source, *targets) if end.block != block.path]
+        for cut in range(min(ranks, default=0), max(ranks, default=0)):
+            passing[cut] += 1
+    cost = (lambda strips: _cost(strips, wires)) if careful else None
+    best = in_rows(
+        laid_out, last, passing, cost, widest=_WIDEST[whole], narrow=_NARROW[whole], high=FRAME_TITLE + 2 * _PAD
+    )
     best.widen(title)
     return _finished(block, inner, best, wires, text)
 
