@@ -8,29 +8,29 @@ from collections.abc import Callable, Mapping, Sequence
 from forcectl.graph.layout.strips import Strips
 
 _MOST_ROWS = 4
-_LEAN = 2  # other ways of breaking that are tried
+_LEAN = 3  # other ways of breaking that are tried
 
 
 def in_rows(
     lay_out: Callable[[Sequence[int]], Strips],
     last: int,
-    passing: Mapping[int, int],
-    cost: Callable[[Strips], tuple[float, int]] | None,
     *,
     widest: float,
     narrow: float,
     high: float,
+    passing: Mapping[int, int] | None = None,
+    cost: Callable[[Strips], tuple[float, int]] | None = None,
 ) -> Strips:
     """The layout in one row of columns, or in as many as it takes not to be wide.
 
     Args:
         lay_out: with rows that end behind these columns.
         last: column, counted from 1 on.
-        passing: how many signals lead past the right side of each column.
-        cost: of the wires of a layout, by which rows between which fewer signals lead are compared; None: they are not.
         widest: width by height of what is not broken further.
         narrow: width of what is not broken further [px].
         high: height of what stands above and below the rows [px].
+        passing: how many signals lead past the right side of each column.
+        cost: of the wires of a layout, by which rows between which fewer signals lead are compared; None: they are not.
     """
 
     def fits(strips: Strips) -> bool:
@@ -46,8 +46,8 @@ def in_rows(
         strips = lay_out(tried)
         if strips.width < best.width:
             best, cuts = strips, tried
-    if cuts and cost:
-        room = max(narrow, best.width)
+    if cuts and cost and passing:
+        room = 1.2 * max(narrow, best.width)
         for other in _lean_cuts(widths, len(cuts) + 1, passing, room):
             if other != cuts:
                 strips = lay_out(other)

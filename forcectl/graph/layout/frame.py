@@ -84,7 +84,13 @@ def frame(
             passing[cut] += 1
     cost = (lambda strips: _cost(strips, wires)) if careful else None
     best = in_rows(
-        laid_out, last, passing, cost, widest=_WIDEST[whole], narrow=_NARROW[whole], high=FRAME_TITLE + 2 * _PAD
+        laid_out,
+        last,
+        widest=_WIDEST[whole],
+        narrow=_NARROW[whole],
+        high=FRAME_TITLE + 2 * _PAD,
+        passing=passing,
+        cost=cost,
     )
     best.widen(title)
     return _finished(block, inner, best, wires, text)

@@ -26,13 +26,9 @@ DEPTHS = (1, 2)
 MORE_CROSSINGS: dict[tuple[str, int], tuple[int, int]] = {
     ("baselines", 2): (5, 4),
     ("fig_3_4_robot", 2): (14, 12),
-    ("fig_3_6", 2): (30, 27),
-    ("fig_3_7", 2): (19, 9),
-    ("first_touch", 2): (18, 16),
 }
 MORE_BENDS: dict[tuple[str, int], tuple[int, int]] = {
     ("baselines", 2): (37, 36),
-    ("fig_3_7", 2): (66, 64),
     ("fig_5_2", 2): (35, 34),
     ("fig_6_5", 2): (50, 42),
     ("force_estimation", 2): (51, 38),
