@@ -179,7 +179,10 @@ VALID = {
 }
 
 
-@pytest.mark.parametrize("format_", FORMATS)
+# A page takes up to 4 s, the other formats take less than 2.
+@pytest.mark.parametrize(
+    "format_", [pytest.param(name, marks=[pytest.mark.slow] if name == "html" else []) for name in FORMATS]
+)
 @pytest.mark.parametrize("experiment", list_experiments())
 def test_every_experiment_draws_in_every_format(
     experiment: str, format_: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
