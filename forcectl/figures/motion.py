@@ -33,16 +33,17 @@ def motion_figures(log: Any, title: str = "", findings: Found = NOTHING) -> dict
         title: heading.
         findings: of every variant; those of the first are marked in its motion.
     """
-    figures = {"motion": speed_figure(one_variant(log), title)}
-    first = str(np.ravel(log["variant"].values)[0]) if "variant" in log.coords else ""
+    names = [str(name) for name in np.ravel(log["variant"].values)] if "variant" in log.coords else [""]
+    logs = {name: one_variant(log, i) for i, name in enumerate(names)}
+    logs = {name: one for name, one in logs.items() if one["arm"].size}  # another may have no such readings
+    first, one = next(iter(logs.items()))
+    figures = {"motion": speed_figure(one, title)}
     mark_findings(figures["motion"].axes[-1], {first: "#000000"}, findings)
-    names = [str(name) for name in log["variant"].values] if "variant" in log.dims else [""]
     parts = file_names(names)
-    for i, name in enumerate(names):
-        one = one_variant(log, i)
+    for name, one in logs.items():
         if _estimated(one) or one["tip_wrench"].values.any():
-            shown = f"{title}: {name}" if name else title
-            figures["forces" if len(names) == 1 else f"forces_{parts[name]}"] = force_figure(one, shown)
+            shown = f"{title}: {name}" if "variant" in log.dims else title
+            figures[f"forces_{parts[name]}" if len(names) > 1 else "forces"] = force_figure(one, shown)
     return figures
 
 

@@ -11,7 +11,7 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.yaml_tree import Tagged, Tree, is_object, merge, nest
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
-from forcectl.scenario.trees import path_of
+from forcectl.scenario.trees import default_parts, default_tags, path_of
 
 # Keys of earlier versions, and what to write instead.
 _GONE = {
@@ -35,13 +35,13 @@ class Layers:
         file: the scenario's.
         variant: name of one of its variants.
         overrides: by dotted key.
-        defaults: the tags of slots that are not said.
+        cls: the scenario's class, which has the defaults.
 
     Raises:
         BadInputError: a variant that is no mapping, or an unknown preset.
     """
 
-    def __init__(self, file: ScenarioFile, variant: str, overrides: Mapping[str, Any], defaults: Tagged):
+    def __init__(self, file: ScenarioFile, variant: str, overrides: Mapping[str, Any], cls: type):
         self._file = file
         variants = file.tree.get("variants")
         changes = variants.get(variant) if isinstance(variants, Tagged) else None
@@ -51,7 +51,7 @@ class Layers:
         forced, varied = nest(overrides), nest(changes or {})
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
         self._layers: list[tuple[Callable[[str], str], Tagged]] = [
-            (lambda key: file.origin, defaults),
+            (lambda key: file.origin, default_tags(cls)),
             (file.where, file.tree),
             (lambda key: file.where(f"variants.{variant}.{key}", f"variant {variant!r}"), varied),
             (lambda key: "override", forced),
@@ -62,6 +62,11 @@ class Layers:
         preset = catalog.find_preset(str(name), self._drive())
         preset.tree.pop("description", None)
         self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))
+        # A part that is added by its dotted key stands beside the default ones.
+        for key, parts in default_parts(cls).items():
+            added = any(str(dotted).startswith(f"{key}.") for dotted in (*overrides, *(changes or {})))
+            if added and not any(_holds(tree, key.split(".")) for tree in (preset.tree, file.tree)):
+                self._layers[0] = (self._layers[0][0], merge(self._layers[0][1], nest({key: parts})))
 
     def _drive(self) -> str:
         """Tag of the drive; empty where there is none."""

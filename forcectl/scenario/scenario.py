@@ -40,7 +40,7 @@ from forcectl.scenario.layers import Layers, locate_files
 from forcectl.scenario.probes import probes_of
 from forcectl.scenario.schema import ScenarioReader
 from forcectl.scenario.together import check_built, check_together
-from forcectl.scenario.trees import default_tags, to_tree, tree_of_fields
+from forcectl.scenario.trees import to_tree, tree_of_fields
 from forcectl.scenario.user_settings import user_settings
 
 if TYPE_CHECKING:
@@ -305,7 +305,7 @@ def _resolved(
         imports: what it may name; None: what its place allows.
     """
     imports = imports or file.allowed
-    layers = Layers(file, variant, overrides or {}, default_tags(Scenario))
+    layers = Layers(file, variant, overrides or {}, Scenario)
     tree = layers.merged()
     layers.check_gone(tree)
     check_imports(file, imports, file.where)
@@ -371,7 +371,7 @@ def origins(
     file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None
 ) -> Callable[[str], str]:
     """What says for a dotted key of the scenario that `resolve` makes of the same which file and line it is from."""
-    return Layers(file, variant, overrides or {}, default_tags(Scenario)).where
+    return Layers(file, variant, overrides or {}, Scenario).where
 
 
 def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:

@@ -69,6 +69,21 @@ def default_tags(cls: type) -> Tagged:
     return found
 
 
+@cache
+def default_parts(cls: type) -> dict[str, Tagged]:
+    """The default parts, by name, of every slot within a dataclass that has some, by the dotted key of the slot."""
+    found = {}
+    for field, kind in typed_fields(cls):
+        slot = key_of(field).slot
+        if slot and typing.get_origin(kind) is dict and (default := default_of(field)):
+            found[field.name] = Tagged(
+                {name: Tagged(tag=_tag_in(SLOTS[slot], type(part))) for name, part in default.items()}
+            )
+        elif not slot and dataclasses.is_dataclass(kind) and isinstance(kind, type):
+            found |= {f"{field.name}.{key}": parts for key, parts in default_parts(kind).items()}
+    return found
+
+
 def path_of(cls: type) -> str:
     """Import path of a class, "package.module:Name"."""
     return f"{cls.__module__}:{cls.__qualname__}"

@@ -12,7 +12,7 @@ from forcectl.diagrams.station import SHIPPED_FIDELITIES
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralConfig
-from forcectl.framework.yaml_tree import dump, parse
+from forcectl.framework.yaml_tree import Tagged, dump, parse
 from forcectl.motion.references import SequenceConfig, StepConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.scenario import (
@@ -175,6 +175,20 @@ def test_a_variant_that_changes_the_preset_or_the_controller_resolves(tmp_path):
     for name, scenario in scenarios.items():
         other = resolve(again, name)
         assert (other.station, other.controller) == (scenario.station, scenario.controller)
+
+
+def test_a_part_that_is_added_by_its_dotted_key_stands_beside_the_default_ones(tmp_path):
+    added = {"station.sensors.joints": "!JointReadings"}
+    path = write(tmp_path, "variants: {plain: {}, joints: {station.sensors.joints: !JointReadings {}}}")
+    for sensors in (
+        load_scenario({}, overrides=added).station.sensors,
+        load_scenario(path, "joints").station.sensors,
+        load_scenario({"preset": "ideal"}, overrides=added).station.sensors,
+    ):
+        assert [*sensors] == ["force", "joints"]
+    # Parts that a file gives are all there are.
+    whole = {"station": {"sensors": {"contact": Tagged({"on": ["force_probe"], "by": ["world"]}, "ContactTruth")}}}
+    assert [*load_scenario(whole, overrides=added).station.sensors] == ["contact", "joints"]
 
 
 def test_one_variant_resolves_with_only_the_expectations_about_it():
