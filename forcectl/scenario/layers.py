@@ -64,8 +64,9 @@ class Layers:
         self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))
         # A part that is added by its dotted key stands beside the default ones.
         for key, parts in default_parts(cls).items():
-            added = any(str(dotted).startswith(f"{key}.") for dotted in (*overrides, *(changes or {})))
-            if added and not any(_holds(tree, key.split(".")) for tree in (preset.tree, file.tree)):
+            dotted = {name for name in (*overrides, *(changes or {})) if str(name).startswith(f"{key}.")}
+            whole = (nest({n: v for n, v in each.items() if n not in dotted}) for each in (changes or {}, overrides))
+            if dotted and not any(_holds(tree, key.split(".")) for tree in (preset.tree, file.tree, *whole)):
                 self._layers[0] = (self._layers[0][0], merge(self._layers[0][1], nest({key: parts})))
 
     def _drive(self) -> str:

@@ -189,6 +189,8 @@ def test_a_part_that_is_added_by_its_dotted_key_stands_beside_the_default_ones(t
     # Parts that a file gives are all there are.
     whole = {"station": {"sensors": {"contact": Tagged({"on": ["force_probe"], "by": ["world"]}, "ContactTruth")}}}
     assert [*load_scenario(whole, overrides=added).station.sensors] == ["contact", "joints"]
+    of_variant = {"variants": {"one": {"station.sensors": whole["station"]["sensors"]}}}
+    assert [*load_scenario(of_variant, "one", overrides=added).station.sensors] == ["contact", "joints"]
 
 
 def test_one_variant_resolves_with_only_the_expectations_about_it():

@@ -84,7 +84,7 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
     losses = [part for part in _losses(log) if wanted[part.start]]
     yield from _touched_again(log, [part for part in losses if not log.regulated[part.start]])
     losses = [part for part in losses if log.regulated[part.start]]
-    spans = [float(log.time[min(part.stop, len(log.time) - 1)] - log.time[part.start]) for part in losses]
+    spans = _spans(log, losses)
     for kind, kept, verb in (
         ("contact_lost", [k for k, span in enumerate(spans) if span > config.bounce], "lost"),
         ("contact_bounced", [k for k, span in enumerate(spans) if span <= config.bounce], "bounces:"),
@@ -101,9 +101,14 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
 
 def _touched_again(log: Pressing, losses: list[slice]) -> Iterator[RunFinding]:
     if losses:
-        total = sum(float(log.time[min(part.stop, len(log.time) - 1)] - log.time[part.start]) for part in losses)
+        total = sum(_spans(log, losses))
         text = f"before the force law is in charge the tool leaves the surface {times(len(losses))}, for {total:.3g} s"
         yield finding("touched_again", f"{text} in all, and touches it again", float(log.time[losses[0].start]))
+
+
+def _spans(log: Pressing, losses: list[slice]) -> list[float]:
+    """How long each loss lasts [s], to the sample behind it."""
+    return [float(log.time[min(part.stop, len(log.time) - 1)] - log.time[part.start]) for part in losses]
 
 
 def _losses(log: Pressing) -> list[slice]:

@@ -8,19 +8,16 @@ import numpy as np
 import pytest
 
 import forcectl as fc
-from forcectl.analysis.findings import FindingsConfig
 from forcectl.analysis.findings.finding import RunFinding, Severity
-from forcectl.analysis.findings.force import force_findings
-from forcectl.analysis.findings.pressing import Pressing
 from forcectl.force.approach import ApproachMode
 from forcectl.motion.references import RampConfig, SineConfig
 from forcectl.plant.contact.contact_monitor import ContactMode
 from forcectl.plant.contact.surface import RoughnessConfig, SurfaceConfig
+from tests.analysis.findings.test_force import TIME, judged
 
 BASE = {"station.fidelity": "OneDimensional", "station.environment.stiffness": 5.9e3, "preset": "linear", "guard": None}
 GAIN = "controller.integral_gain"
 SLIDES = {"motion.speed": 0.02, "motion.distance": 0.03, "motion.start_time": 1.0, "duration": 3.0}
-TIME = 0.002 * np.arange(2001)
 SINE = 10.0 + 3.0 * np.sin(np.pi * TIME)
 SWING = np.sin(2 * np.pi * TIME / 0.25)
 
@@ -28,15 +25,6 @@ SWING = np.sin(2 * np.pi * TIME / 0.25)
 def kinds(**changes: Any) -> dict[str, RunFinding]:
     (every,) = fc.run({}, overrides=BASE | changes).findings.values()
     return {one.kind: one for one in every}
-
-
-def judged(true: Any, desired: Any, **changes: Any) -> list[RunFinding]:
-    """Findings of a made-up true force that the sensor shows as it is."""
-    law = np.ones(len(TIME), dtype=bool)
-    log = {"time": TIME, "desired": desired, "measured": true, "true": true, "command": None, "motors": {}}
-    log |= {"contact": np.full_like(TIME, ContactMode.CONTACT), "compliance": 1e-4}
-    log |= {"regulated": law, "closed": law, "sliding": ~law} | changes
-    return list(force_findings(Pressing(**log), [100.0], FindingsConfig()))
 
 
 MOVING = {
@@ -61,36 +49,37 @@ def test_a_loop_that_swings_while_the_tool_slides_over_a_plane_says_so() -> None
 
 
 def test_swings_beside_a_reference_are_counted_and_measured() -> None:
-    (one,) = judged(SINE + 1.5 * SWING, SINE)
+    (one,) = judged(SINE + 1.5 * SWING, desired=SINE)
     assert one.kind == "swings_beside_reference"
     assert one.severity == Severity.WARNING
     assert "turns round 17 times by at least 1 N, its reference 3 times" in one.text
-    (far,) = judged(10.0 + 2.0 * (SINE - 10.0), SINE)
+    (far,) = judged(10.0 + 2.0 * (SINE - 10.0), desired=SINE)
     assert "the true force swings by 12 N from peak to peak, its reference by 6 N" in far.text
     # A loop that lags, falls short of, or goes a little beyond its reference does not.
     for true in (10.0 + 1.3 * (SINE - 10.0), np.roll(SINE, 100), 10.0 + 0.2 * (SINE - 10.0), SINE + 0.3 * SWING):
-        assert judged(true, SINE) == []
+        assert judged(true, desired=SINE) == []
 
 
 def test_a_force_swings_in_motion_over_a_plane_only_where_it_goes_on() -> None:
     flat, law = np.full_like(TIME, 10.0), np.ones(len(TIME), dtype=bool)
     moving = {"closed": ~law, "sliding": law}
-    (one,) = judged(flat + SWING, flat, **moving)
+    (one,) = judged(flat + SWING, desired=flat, **moving)
     assert one.kind == "limit_cycle"
     for quiet in (flat + 0.4 * SWING, flat + 3.0 * np.exp(-2 * TIME) * SWING):
-        assert judged(quiet, flat, **moving) == []
-    assert judged(flat + SWING, flat, closed=~law, sliding=~law) == []
+        assert judged(quiet, desired=flat, **moving) == []
+    assert judged(flat + SWING, desired=flat, closed=~law, sliding=~law) == []
 
 
 def test_what_a_first_touch_does_is_told_apart_from_what_the_law_does() -> None:
     flat, away = np.full_like(TIME, 10.0), (TIME > 0.3) & (TIME < 0.6)
     force = np.where(TIME < 0.3, 25.0, np.where(away, 0.0, 10.0))
     contact = np.where(away, ContactMode.LOST, ContactMode.CONTACT).astype(float)
-    (one,) = judged(force, flat, contact=contact, regulated=TIME > 0.8, closed=TIME > 0.8)
+    (one,) = judged(force, desired=flat, contact=contact, regulated=TIME > 0.8, closed=TIME > 0.8)
     assert (one.kind, one.severity) == ("touched_again", Severity.INFO)
     assert "leaves the surface once, for 0.3 s in all" in one.text
-    assert "contact_lost" in {each.kind for each in judged(force, flat, contact=contact)}
-    (never,) = judged(force, flat, regulated=TIME < 0, closed=TIME < 0)
+    assert "contact_lost" in {each.kind for each in judged(force, desired=flat, contact=contact)}
+    kept = np.full_like(TIME, ContactMode.CONTACT)
+    (never,) = judged(force, desired=flat, contact=kept, regulated=TIME < 0, closed=TIME < 0)
     assert (never.kind, never.severity) == ("no_contact", Severity.ERROR)
 
 
