@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from forcectl.graph.layout.measure import Wires
 from forcectl.graph.layout.order import ranks
 from forcectl.graph.layout.placed import Picture, PlacedBox
 from forcectl.graph.layout.rows import Point
+from forcectl.graph.layout.sorting.measure import Wires
 from forcectl.graph.model import BlockGraph, Endpoint
 
 _SCRIPT = Path(__file__).parents[1] / "graph" / "layout" / "elk.mjs"

@@ -9,7 +9,7 @@ from forcectl.graph.layout.frame import frame
 from forcectl.graph.layout.order import ranks
 from forcectl.graph.layout.placed import Picture, PlacedBox
 from forcectl.graph.layout.shapes import shape_of
-from forcectl.graph.layout.sweeps import BOTTOM
+from forcectl.graph.layout.sorting.sweeps import BOTTOM
 from forcectl.graph.model import Block, BlockGraph
 
 _MARGIN = 16.0  # around the picture

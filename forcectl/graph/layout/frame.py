@@ -12,7 +12,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from forcectl.graph.layout.breaks import in_rows
-from forcectl.graph.layout.measure import CROSSING, count_bends, count_crossings
 from forcectl.graph.layout.placed import Picture, PlacedBox, PlacedNet
 from forcectl.graph.layout.route import branch_points
 from forcectl.graph.layout.rows import Item, Point
@@ -25,6 +24,7 @@ from forcectl.graph.layout.shapes import (
     subtitle,
     text_width,
 )
+from forcectl.graph.layout.sorting.measure import CROSSING, count_bends, count_crossings
 from forcectl.graph.layout.strips import Strips
 from forcectl.graph.model import Block, Endpoint
 

@@ -7,9 +7,9 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
 from forcectl.graph.layout.heights import estimate_heights, path_lengths, set_heights
-from forcectl.graph.layout.polish import polish
 from forcectl.graph.layout.rows import Columns, Crossing, Item, Turn
-from forcectl.graph.layout.sweeps import Sorter
+from forcectl.graph.layout.sorting.polish import polish
+from forcectl.graph.layout.sorting.sweeps import Sorter
 
 
 def place_rows(

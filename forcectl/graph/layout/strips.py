@@ -18,7 +18,7 @@ from forcectl.graph.layout.route import (
 )
 from forcectl.graph.layout.rows import Columns, End, Item, Point
 from forcectl.graph.layout.shapes import PORT_PITCH, PORT_SIZE, text_width
-from forcectl.graph.layout.sweeps import BOTTOM
+from forcectl.graph.layout.sorting.sweeps import BOTTOM
 from forcectl.graph.model import Block, Endpoint
 
 _TERMINAL_LINE = 15.0  # from the top of a terminal's name to its wire

@@ -13,7 +13,7 @@ import pytest
 
 from forcectl.graph.export import Graph, graph
 from forcectl.graph.formats.picture import Layouter
-from forcectl.graph.layout.measure import count_bends, count_crossings
+from forcectl.graph.layout.sorting.measure import count_bends, count_crossings
 from forcectl.graph.model import Block
 from forcectl.scenario.catalog import list_experiments
 from forcectl.scenario.scenario import as_file, build, resolve, select_variants

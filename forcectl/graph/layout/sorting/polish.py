@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from forcectl.graph.layout.measure import CROSSING
 from forcectl.graph.layout.rows import Crossing, Item
-from forcectl.graph.layout.strands import crossings_of
-from forcectl.graph.layout.sweeps import Sorter
+from forcectl.graph.layout.sorting.measure import CROSSING
+from forcectl.graph.layout.sorting.strands import crossings_of
+from forcectl.graph.layout.sorting.sweeps import Sorter
 
 _TRIES = 60  # exchanges whose bends are counted, at most
 _LARGEST = 200  # hops of wires from column to column where it is tried

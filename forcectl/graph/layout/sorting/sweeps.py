@@ -12,9 +12,9 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from forcectl.graph.layout.measure import CROSSING
 from forcectl.graph.layout.rows import Columns, Crossing, Item, Turn
-from forcectl.graph.layout.strands import Pair, Pin, Strand, crossings_of, pairs_of
+from forcectl.graph.layout.sorting.measure import CROSSING
+from forcectl.graph.layout.sorting.strands import Pair, Pin, Strand, crossings_of, pairs_of
 
 _SWEEPS, _ROUNDS, _PATIENCE = 8, 4, 2
 _MORE = 2  # crossings more than in the best order, where bends decide

@@ -1,0 +1,1 @@
+"""The order in the columns, in which few wires cross and bend."""
