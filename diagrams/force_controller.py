@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
-from pydrake.systems.primitives import Demultiplexer, MatrixGain, PassThrough
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, MatrixGain, PassThrough
 
 from forcectl.diagrams.guarded import FORCES, guarded
 from forcectl.errors import BadInputError
@@ -93,7 +93,11 @@ class ForceController(PythonDiagram):
             so_far = add(f"motion_{i + 1}", affine(np.eye(n_q), -q_0))
             connect(one.GetOutputPort("joint_position_command"), so_far.get_input_port())
             connect(so_far.get_output_port(), other.GetInputPort("unconstrained_reference"))
-        if "path_displacement" in input_names(law):
+        if "path_displacement" in input_names(law) and model.constant_jacobian:
+            # The inversion takes it out of the path, which has some where the tool leads far from the start.
+            none = add("path_displacement", ConstantVectorSource(np.zeros(model.size)))
+            connect(none.get_output_port(), law.GetInputPort("path_displacement"))
+        elif "path_displacement" in input_names(law):
             asked = add("asked_position", affine(np.eye(n_q), q_0))
             builder.ConnectInput(unconstrained, asked.get_input_port())
             wanted = asked.get_output_port()

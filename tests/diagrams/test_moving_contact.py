@@ -301,3 +301,12 @@ def test_ten_times_faster(fidelity: str) -> None:
     assert values["contact_loss_s"] == 0.0
     assert values["mean_force_in_motion_N"] == pytest.approx(15.0, rel=0.02)
     assert values["recovery_time_2pct_s"] is not None
+
+
+@pytest.mark.parametrize("law", ["AdaptiveInvariance", "PredictiveInvariance"])
+def test_a_path_far_from_the_start_of_one_dimension_is_no_slope(law: str) -> None:
+    """Joints that lead the tool straight ahead have a part along the linearised normal, which nothing moves along."""
+    changes = {"controller": Tagged({}, law), "duration": 6.0, "reference.force": 15.0}
+    changes |= {"motion.distance": 0.1, "motion.speed": 0.05, "motion.start_time": 3.5}
+    log = forcectl.run({}, overrides={"station.fidelity": "OneDimensional"} | changes).log.squeeze()
+    assert log.contact_force.sel(time=slice(3.5, None)).values == pytest.approx(15.0, rel=0.02)
