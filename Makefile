@@ -58,7 +58,7 @@ wheel: $(VENV)/.installed-dev ## build the wheel and the source archive into dis
 	rm -rf build dist
 	$(BIN)/python -m build --outdir dist .
 
-lock: ## resolve the dependencies again and rewrite constraints.txt (needs all three Pythons)
+lock: ## resolve the dependencies again and rewrite constraints.txt and hashes.txt (needs all three Pythons)
 	$(PYTHON) .ci/lock.py python3.11 python3.12 python3.13
 
 hooks: $(VENV)/.installed-dev ## run the lint before every commit

@@ -225,12 +225,18 @@ def test_every_dependency_is_locked():
     def canonical(name: str) -> str:
         return re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", name)[0]).lower()  # type: ignore[index]
 
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    project = settings["project"]
     extras = [r for extra in project["optional-dependencies"].values() for r in extra]
-    wanted = {canonical(r) for r in project["dependencies"] + extras}
+    wanted = {canonical(r) for r in settings["build-system"]["requires"] + project["dependencies"] + extras}
     lines = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
     assert all(re.fullmatch(r"[\w.-]+==[\w.+!-]+( ; .*)?", line) for line in lines)
     assert wanted - {"forcectl"} <= {canonical(line.split("==")[0]) for line in lines}
+    # The same lines, each with the hashes of its files, and no more than that: no address, no option.
+    hashed = "\n".join(line for line in (ROOT / "hashes.txt").read_text().splitlines() if not line.startswith("#"))
+    entries = hashed.replace(" \\\n    ", " ").splitlines()
+    assert [re.sub(r" --hash=sha256:[0-9a-f]{64}(?= |$)", "", entry) for entry in entries] == lines
+    assert all(entry.count(" --hash=") >= 1 for entry in entries)
 
 
 def fillers() -> tuple[set[str], set[str]]:
