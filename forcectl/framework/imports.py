@@ -127,7 +127,7 @@ class Imports:
 
     def _allowed_words(self, module: str) -> str:
         top = module.partition(".")[0]
-        where = "" if self.folder is None else "beside the scenario (and no installed one of that name), "
+        where = "" if self.folder is None else "beside the file that is run (and no installed one of that name), "
         return f"of a module {where}of a package that announces parts of forcectl, or named by {OPTION} {top}"
 
 

@@ -107,7 +107,7 @@ def test_a_sweep_trusts_what_is_beside_itself_not_what_is_beside_its_scenario(fo
         f"scenario: fig_2_7\nvariant: K_I = 1.5 1/s\ncases: {{a: {{controller: {IMPORT}}}}}\n"
     )
     for name in ("all", "case"):
-        with pytest.raises(BadInputError, match=r"'evil_lab:Law': must be of a module beside the scenario") as caught:
+        with pytest.raises(BadInputError, match=r"'evil_lab:Law': must be of a module beside the file") as caught:
             fc.sweep(folder / "mine" / f"{name}.yaml", out=folder / "out")
         assert "\n" not in str(caught.value)
     assert not list(folder.rglob("*ran"))
@@ -123,7 +123,7 @@ def test_a_module_is_allowed_by_keyword_option_or_settings(folder, monkeypatch, 
     (folder / "lab" / "good_lab.py").write_text(law)
     code, _, said = forcectl("check", file)
     assert (code, said.count("\n")) == (2, 1)
-    assert "own.yaml:3: controller.path = 'good_lab:Law': must be of a module beside the scenario" in said
+    assert "own.yaml:3: controller.path = 'good_lab:Law': must be of a module beside the file that is run" in said
     assert "--allow-imports good_lab" in said
     assert type(load_scenario(file, allow_imports=["good_lab"]).controller).__name__ == "Law"
     code, said, _ = forcectl("check", file, "--allow-imports", "good_lab")
