@@ -89,18 +89,27 @@ def fitting(base: str, changes: dict[str, Any]) -> Iterator[str]:
 
 def drawn(group: Group, number: int, with_fault: bool) -> tuple[Scenario, Scenario, DeclaredFault | None, float]:
     """Scenario with and without its fault, the fault, and its begin [s]."""
+    from forcectl.errors import BadInputError
     from forcectl.framework.yaml_tree import Tagged
-    from forcectl.scenario.scenario import load_scenario
+    from forcectl.scenario.scenario import build, load_scenario
     from forcectl.sweeps.faults.declared import FAULTS, changes_of
 
     rng = np.random.default_rng([number, int(with_fault), *group.name.encode()])
     changes = {**group.changes, "duration": group.duration, "seed": int(rng.integers(1000))}
-    force = rng.uniform(5.0, 20.0)
-    changes["guard.maximum_force"] = 2.0 * force if group.laws else 30.0
-    if group.laws:
-        changes |= {"controller": Tagged({}, group.law(number)), "reference.force": force}
-        changes["station.environment.stiffness"] = float(10.0 ** rng.uniform(np.log10(6e3), np.log10(2e5)))
-    sound = load_scenario(group.base, overrides=changes)
+    sound = None
+    while sound is None:
+        force = rng.uniform(5.0, 20.0)
+        changes["guard.maximum_force"] = 2.0 * force if group.laws else 30.0
+        if group.laws:
+            changes |= {"controller": Tagged({}, group.law(number)), "reference.force": force}
+            changes["station.environment.stiffness"] = float(10.0 ** rng.uniform(np.log10(6e3), np.log10(2e5)))
+        sound = load_scenario(group.base, overrides=changes)
+        try:
+            build(sound)
+        except BadInputError:
+            if group.law(number) != "Approach":
+                raise
+            sound = None  # no guard could hold its first touch
     if not with_fault:
         return sound, sound, None, 0.0
     period = sound.setting().workcell.period
