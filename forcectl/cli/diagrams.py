@@ -85,12 +85,14 @@ def check(
 ) -> None:
     """Examine a diagram: wiring, direct feedthrough, algebraic loops, sample periods and delays.
 
+    Without --variant the first one is examined, and the others are built.
+
     Example: forcectl check fig_2_7 --from station.measured_force --to station.joint_position_command
     """
     from forcectl.cli.target import named_assumptions, named_code, named_diagram, named_gains
     from forcectl.doctor import examine, render
 
-    _, diagram = named_diagram(scenario, variant, settings, fidelity, allow_imports)
+    _, diagram = named_diagram(scenario, variant, settings, fidelity, allow_imports, whole=True)
     report = examine(diagram, sensor=source, command=target, scheme=scheme)
     if as_json:
         echo_json(report.to_dict())

@@ -14,11 +14,12 @@ from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.imports import Imports
 from forcectl.framework.wiring import made_by
 from forcectl.framework.yaml_tree import nest, parse
+from forcectl.runs.entry import first_built
 from forcectl.runs.run import assumed_of
 from forcectl.scenario.code import code_in, said
 from forcectl.scenario.error_keys import located
 from forcectl.scenario.gains import gains_lines
-from forcectl.scenario.scenario import as_file, build, origins, resolve, select_variants, with_shortcuts
+from forcectl.scenario.scenario import as_file, origins, resolve, select_variants, with_shortcuts
 from forcectl.tasks.machine.chart import MachineChart
 
 
@@ -39,7 +40,13 @@ def parse_settings(settings: Iterable[str] | None) -> dict[str, Any]:
 
 
 def named_diagram(
-    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
+    target: str,
+    variant: str | None,
+    settings: Iterable[str] | None,
+    fidelity: str | None,
+    allow: Sequence[str] | None,
+    *,
+    whole: bool = False,
 ) -> tuple[str, System]:
     """A file name and the diagram or block behind a scenario or an import path.
 
@@ -49,6 +56,7 @@ def named_diagram(
         settings: as for `parse_settings`.
         fidelity: instead of the scenario's.
         allow: names of modules that it may name.
+        whole: build the other variants, too, to find what is wrong with them.
 
     Raises:
         BadInputError: there is no such scenario or function, or it cannot be built.
@@ -57,8 +65,7 @@ def named_diagram(
         return target.rpartition(":")[2], _call_for_diagram(target)
     file = as_file(target, allow or ())
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
-    name = select_variants(file, variant)[0]
-    return file.name, build(resolve(file, name, overrides), origins(file, name, overrides)).diagram
+    return file.name, first_built(file, select_variants(file, variant), overrides, whole=whole)[1]
 
 
 def named_machine(

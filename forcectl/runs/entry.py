@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import Context, Diagram, System
 
 from forcectl.doctor import Report, examine
 from forcectl.errors import BadInputError
 from forcectl.graph.export import Graph, MachineGraph
 from forcectl.graph.export import graph as draw
 from forcectl.inspect.ports import PortName
+from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.scenario import (
     ONE_SCENARIO,
     Scenario,
@@ -67,16 +68,40 @@ def check(
 ) -> Report:
     """What is wrong with the diagram of a scenario, or with any Drake diagram, and its periods and delays.
 
+    Of a scenario with variants the first one is examined; all others must be such that they can be built.
+
     Args:
         scenario: name, path, mapping or `Scenario`; or any Drake diagram or block.
         variant, overrides, seed, fidelity, allow_imports: of a scenario, see `load_scenario`.
         sensor, command, scheme: see `forcectl.doctor.examine`.
 
     Raises:
-        BadInputError: the scenario cannot be built, or there are no such ports.
+        BadInputError: the scenario, or another of its variants, cannot be built, or there are no such ports.
     """
-    system, _ = _system(scenario, variant, overrides, seed, fidelity, allow_imports)
+    system, _ = _system(scenario, variant, overrides, seed, fidelity, allow_imports, whole=True)
     return examine(system, sensor=sensor, command=command, scheme=scheme)
+
+
+def first_built(
+    file: ScenarioFile, variants: Sequence[str], overrides: Mapping[str, Any], *, whole: bool = False
+) -> tuple[Scenario, Diagram]:
+    """The first of some variants, and its diagram.
+
+    Args:
+        file: the scenario.
+        variants: of it.
+        overrides: dotted key -> value.
+        whole: build the others, too, to find what is wrong with them.
+
+    Raises:
+        BadInputError: a variant cannot be built.
+    """
+    scenarios = {name: resolve(file, name, overrides) for name in (variants if whole else variants[:1])}
+    diagrams = (build(one, origins(file, name, overrides)).diagram for name, one in scenarios.items())
+    first = next(diagrams)
+    for _ in diagrams:
+        pass
+    return scenarios[variants[0]], first
 
 
 def _system(
@@ -86,14 +111,13 @@ def _system(
     seed: int | None,
     fidelity: str | None,
     allow_imports: Sequence[str],
+    whole: bool = False,
 ) -> tuple[Any, str]:
     """The diagram of a scenario and its title; what is no scenario as it is."""
     if isinstance(scenario, ONE_SCENARIO):
         file, changes = as_file(scenario, allow_imports), with_shortcuts(overrides, seed, fidelity)
-        name = select_variants(file, variant)[0]
-        one = resolve(file, name, changes)
-        title = ", ".join(filter(None, (one.title or file.name, variant)))
-        return build(one, origins(file, name, changes)).diagram, title
+        one, diagram = first_built(file, select_variants(file, variant), changes, whole=whole)
+        return diagram, ", ".join(filter(None, (one.title or file.name, variant)))
     given = {"variant": variant, "overrides": overrides, "seed": seed, "fidelity": fidelity}
     given["allow_imports"] = allow_imports or None
     if wrong := [name for name, value in given.items() if value is not None]:

@@ -49,6 +49,8 @@ class Layers:
             key = f"variants.{variant}"
             raise invalid(key, changes, "a mapping of scenario keys").at(key, file.where(key))
         forced, varied = nest(overrides), nest(changes or {})
+        # Where a default is that only this variant does not go with.
+        self._variant = (f"variants.{variant}", f"variant {variant!r}") if varied else None
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
         self._layers: list[tuple[Callable[[str], str], Tagged]] = [
             (lambda key: file.origin, default_tags(cls)),
@@ -94,7 +96,7 @@ class Layers:
             for where, tree in reversed(self._layers[1:]):  # a default stands where the part around it does
                 if _holds(tree, parts[:length]):
                     return where(key)
-        return self._file.where(key)
+        return self._file.where(key) if self._variant is None else self._file.where(*self._variant)
 
     def check_gone(self, tree: Tagged) -> None:
         """BadInputError for a key of an earlier version.

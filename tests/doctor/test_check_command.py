@@ -4,6 +4,8 @@ import re
 
 import pytest
 
+import forcectl as fc
+
 MODULE = """
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, ZeroOrderHold
@@ -80,3 +82,21 @@ def test_the_scheme_is_looked_at(forcectl):
     assert code == 1
     assert "cenic-desired-velocity" in out
     assert "station/plant.comau_smart_six_desired_state" in out
+
+
+@pytest.mark.parametrize(
+    ("second", "said"),
+    [
+        ("{controller.integral_gian: 3.0}", "own.yaml:4: variant 'b': controller.integral_gian: unknown key"),
+        # What only a build finds: each value is fine by itself.
+        ("{station.sensors.force.range: 5.0}", "own.yaml:4: variant 'b': reference.force = 15.0: must be at most"),
+    ],
+)
+def test_variants_that_are_not_examined_must_be_such_that_they_can_be_built(tmp_path, monkeypatch, second, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text(
+        f"station: {{fidelity: OneDimensional}}\nvariants:\n  a: {{}}\n  b: {second}\n", encoding="utf-8"
+    )
+    with pytest.raises(fc.BadInputError, match=f"^{re.escape(said)}"):
+        fc.check("own.yaml")
+    assert fc.check("own.yaml", variant="a").ok
