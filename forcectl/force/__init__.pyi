@@ -7,6 +7,7 @@ from forcectl.force.admittance import AdmittanceForceLaw as AdmittanceForceLaw
 from forcectl.force.admittance import admittance_response as admittance_response
 from forcectl.force.admittance import admittance_step as admittance_step
 from forcectl.force.approach import ApproachConfig as ApproachConfig
+from forcectl.force.approach import ApproachedController as ApproachedController
 from forcectl.force.approach import ApproachForceLaw as ApproachForceLaw
 from forcectl.force.approach import ApproachMode as ApproachMode
 from forcectl.force.approach import GuardedMove as GuardedMove

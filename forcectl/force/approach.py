@@ -11,6 +11,9 @@
 
 Outside of CONTACT the law gets zero for both forces, so that it rests where it is: the command does not jump when it
 takes over. Two touches, the second one slow, because a fast one overtravels by what sensor and drives lag behind.
+
+A controller of joints takes x_a in and adds it to its command itself, J^-1 n x_a in small steps, because only it knows
+its walls and the limits of its joints: a move ends in front of them. The force law in it is one of dx_bar - x_a.
 """
 
 from __future__ import annotations
@@ -24,14 +27,14 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, Gain
 
-from forcectl.errors import about
+from forcectl.errors import BadInputError, about
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.law import AroundLawConfig, require_force_law
 from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.framework.wiring import export_all_outputs, input_names
+from forcectl.framework.wiring import export_all_outputs, input_names, output_names
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -47,6 +50,13 @@ class ApproachMode(IntEnum):
 
 _APPROACH, _TOUCH, _CONTACT, _LEAVE, _GAVE_UP = map(float, ApproachMode)
 _AWAY, _SLOWLY, _THERE = 0.0, 1.0, 2.0  # stages of TOUCH
+
+# The forces of a law, by what the move gives in their place.
+_FORCES = {"desired_force": "regulated_force", "measured_force": "felt_force"}
+# Of a controller of joints that is approached.
+_APPROACHED = (*_FORCES, "approach_displacement")
+_COMMANDS = ("joint_position_command", "approach_displacement")
+_WANTED = "must be a force law, or a controller of joints with add_approached, such as !InvarianceRobot"
 
 
 class GuardedMove(SampledBatch):
@@ -179,29 +189,26 @@ class ApproachForceLaw(PythonDiagram):
         law: with the ports of a ForceLaw.
 
     Raises:
-        BadInputError: the law has no such ports.
+        BadInputError: the law has no such ports, or a guarded move of its own.
     """
 
     def __init__(self, builder: DiagramBuilder, law: System, move: GuardedMove):
         super().__init__()
-        n, forces = move.size, {"desired_force": "regulated_force", "measured_force": "felt_force"}
-        require_force_law(law, forces)
+        if "joint_position_command" in output_names(law):
+            raise BadInputError(f"{type(law).__name__} cannot be approached: {_WANTED}")
+        require_force_law(law, _FORCES)
+        if "approach_mode" in output_names(law):
+            raise BadInputError(f"{type(law).__name__} has a guarded move of its own: must be a law without one")
         self.sample_delay = dict(getattr(law, "sample_delay", {}))
-        builder.AddNamedSystem("guarded_move", move)
-        moved = move.GetOutputPort("approach_displacement")
-        for name, given in forces.items():
-            builder.ExportInput(move.GetInputPort(name), name)
-            builder.Connect(move.GetOutputPort(given), law.GetInputPort(name))
+        moved = _add_move(builder, move, law)
         for name in input_names(law):
             if name == "motor_displacement":
-                back = builder.AddNamedSystem("move_back", Gain(-1.0, n))
-                builder.Connect(moved, back.get_input_port())
-                without = _sum(builder, "law_displacement", n, back.get_output_port())
+                without = without_move(builder, "law_displacement", moved)
                 builder.ExportInput(without.get_input_port(1), name)
                 builder.Connect(without.get_output_port(), law.GetInputPort(name))
-            elif name not in forces:
+            elif name not in _FORCES:
                 builder.ExportInput(law.GetInputPort(name), name)
-        both = _sum(builder, "command", n, moved)
+        both = _sum(builder, "command", moved)
         builder.Connect(law.GetOutputPort("displacement_command"), both.get_input_port(1))
         builder.ExportOutput(both.get_output_port(), "displacement_command")
         for name in ("approach_displacement", "approach_mode"):
@@ -210,18 +217,77 @@ class ApproachForceLaw(PythonDiagram):
         builder.BuildInto(self)
 
 
-def _sum(builder: DiagramBuilder, name: str, size: int, first: OutputPort) -> Adder:
+class ApproachedController(PythonDiagram):
+    """A controller of joints behind a guarded move.
+
+    ```
+    name: ApproachedController
+    input_ports: [desired_force, measured_force, (further inputs of the controller)]
+    output_ports: [approach_mode, (further outputs of the controller)]
+    ```
+
+    desired_force, measured_force: shape (1,) [N]. approach_mode: see `GuardedMove`.
+    The displacement of the move is an input of the controller, which adds it to its command; so its walls and joint
+    limits are kept, and its output approach_displacement is what came of the move.
+    All outputs are feedthrough of all inputs at the tick when those of the controller are.
+
+    Sampling: every `period` [s] of the two; no delay beyond that of the controller.
+
+    Args:
+        builder: holds the controller; it is built into this diagram.
+        controller: with the ports of a controller of joints that is approached, see `forcectl.force.slot`.
+
+    Raises:
+        BadInputError: the controller has no such ports.
+    """
+
+    def __init__(self, builder: DiagramBuilder, controller: System, move: GuardedMove):
+        super().__init__()
+        inputs, outputs = input_names(controller), output_names(controller)
+        if not (set(_APPROACHED) <= set(inputs) and set(_COMMANDS) <= set(outputs)):
+            wanted = f"the inputs {', '.join(_APPROACHED)} and the outputs {', '.join(_COMMANDS)}"
+            raise BadInputError(f"add_approached makes a {type(controller).__name__}: must have {wanted}")
+        self.sample_delay = dict(getattr(controller, "sample_delay", {}))
+        self.optional_inputs = tuple(getattr(controller, "optional_inputs", ()))
+        builder.Connect(_add_move(builder, move, controller), controller.GetInputPort("approach_displacement"))
+        for name in inputs:
+            if name not in _APPROACHED:
+                builder.ExportInput(controller.GetInputPort(name), name)
+        builder.ExportOutput(move.GetOutputPort("approach_mode"), "approach_mode")
+        export_all_outputs(builder, controller)
+        builder.BuildInto(self)
+
+
+def _add_move(builder: DiagramBuilder, move: GuardedMove, law: System) -> OutputPort:
+    """Add the move, which gives a law its forces; its displacement."""
+    builder.AddNamedSystem("guarded_move", move)
+    for name, given in _FORCES.items():
+        builder.ExportInput(move.GetInputPort(name), name)
+        builder.Connect(move.GetOutputPort(given), law.GetInputPort(name))
+    return move.GetOutputPort("approach_displacement")
+
+
+def without_move(builder: DiagramBuilder, name: str, moved: OutputPort) -> Adder:
+    """A sum of what its second input is connected to, and minus the displacement of a move."""
+    back = builder.AddNamedSystem("move_back", Gain(-1.0, moved.size()))
+    builder.Connect(moved, back.get_input_port())
+    return _sum(builder, name, back.get_output_port())
+
+
+def _sum(builder: DiagramBuilder, name: str, first: OutputPort) -> Adder:
     """A sum whose first input is connected."""
-    total = builder.AddNamedSystem(name, Adder(2, size))
+    total = builder.AddNamedSystem(name, Adder(2, first.size()))
     builder.Connect(first, total.get_input_port(0))
     return total
 
 
 @dataclass(kw_only=True)
 class ApproachConfig(AroundLawConfig, Config):
-    """Scenario part `!Approach`: a guarded move to the surface, then any force law; lost contacts are found again."""
+    """Scenario part `!Approach`: a guarded move to the surface, then any law; lost contacts are found again."""
 
-    law: Any = slot("controller", IntegralConfig, meaning="force law that takes over in contact")
+    law: Any = slot(
+        "controller", IntegralConfig, meaning="force law, or controller of joints, that takes over in contact"
+    )
     speed: float = key(0.02, "of the approach, and of leaving", unit="m/s", bounds="above 0 and at most 1")
     threshold: float = key(
         1.0, "measured force that is contact; below half of it there is none", unit="N", bounds="positive"
@@ -243,7 +309,7 @@ class ApproachConfig(AroundLawConfig, Config):
         """Key and value of the speed [m/s] at which a surface is met."""
         return "speed", self.speed
 
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ApproachForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ApproachForceLaw | ApproachedController:
         """Add the guarded move and the law behind it."""
         inner = DiagramBuilder()
         move = GuardedMove(
@@ -257,5 +323,10 @@ class ApproachConfig(AroundLawConfig, Config):
             clearance=self.clearance,
             period=model.period,
         )
+        add_approached = getattr(self.law, "add_approached", None)
         with about(self.law):
-            return builder.AddNamedSystem("force_law", ApproachForceLaw(inner, self.law.add_to(inner, model), move))
+            if add_approached is not None:
+                behind: System = ApproachedController(inner, add_approached(inner, model), move)
+            else:
+                behind = ApproachForceLaw(inner, self.law.add_to(inner, model), move)
+        return builder.AddNamedSystem("force_law", behind)

@@ -25,6 +25,7 @@ from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
+DAMPING = 0.05  # lambda_max of the damped inverse [m]
 _NO_ROTATION = np.zeros(3)
 
 
@@ -123,7 +124,7 @@ class KinematicInversion(PythonBlock):
         *,
         period: float = 0.01,
         limit: float = 20.0,
-        damping: float = 0.05,
+        damping: float = DAMPING,
     ):
         super().__init__()
         self._robot, self._n, self._start = robot, unit_normal(n), batch_values("start", start, robot.num_joints)

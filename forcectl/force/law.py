@@ -18,16 +18,18 @@ from forcectl.plant.plant_model import PlantModel
 
 
 def require_force_law(law: System, inputs: Iterable[str]) -> None:
-    """Refuse what is no force law.
+    """Refuse what is no force law: a controller of joints, or what lacks a port.
 
     Args:
         law: any system.
         inputs: ports that it must have beside the output displacement_command.
 
     Raises:
-        BadInputError: it lacks one.
+        BadInputError: it is none.
     """
     inputs = list(inputs)
+    if "joint_position_command" in output_names(law):
+        raise BadInputError(f"{type(law).__name__} commands joints: must be a force law, of displacements")
     if "displacement_command" not in output_names(law) or not set(inputs) <= set(input_names(law)):
         wanted = ", ".join([*inputs, "displacement_command"])
         raise BadInputError(f"{type(law).__name__} is no force law: must have {wanted}")

@@ -15,6 +15,13 @@ Controller of joints::
          joint_velocity_command: shape (n,) [rad/s], joint_torque_feedforward: shape (n,) [Nm], optional
          any further outputs are diagnostics
 
+A configuration of such a controller that also has `add_approached(builder, model)` can stand behind `!Approach`: that
+adds the controller with further ports::
+
+    in   desired_force, measured_force: shape (1,) [N], zero outside of contact
+         approach_displacement: shape (1,), x_a of the guarded move along the normal, to be added to the command [m]
+    out  approach_displacement: shape (1,), what of it the command holds, within walls and joint limits [m]
+
 A force law is made a controller of joints by the kinematic inversion. Everything runs every `model.period` from t = 0.
 Let outputs be feedthrough at the tick and held, as `SampledBlock` does: the robot then takes the command of a tick in
 that tick; what is a state of the filler it takes one tick later.

@@ -7,13 +7,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import System
+from pydrake.systems.framework import DiagramBuilder, System
 
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import describe
 from forcectl.force.adaptive_force_law import Adaptation
+from forcectl.force.approach import ApproachConfig, ApproachedController
 from forcectl.force.invariance.controller import InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.invariance.robot import AdaptiveInvarianceController, InvarianceRobotConfig
@@ -48,10 +49,12 @@ def joint_controller() -> Enclosed:
     return made
 
 
-def adaptive_robot_controller() -> AdaptiveInvarianceController:
-    return AdaptiveInvarianceController(robot_controller(compliance=None), Adaptation().estimator(model()), model())
+def adaptive_robot_controller(**changes: Any) -> AdaptiveInvarianceController:
+    controller = robot_controller(compliance=None, **changes)
+    return AdaptiveInvarianceController(controller, Adaptation().estimator(model()), model())
 
 
+MOVED = "approach_displacement"
 ROBOT_INPUTS: dict[str, Input] = {
     "desired_force": lambda t: 15 * math.cos(60 * t),
     "measured_force": lambda t: 15 * math.sin(40 * t),
@@ -59,10 +62,16 @@ ROBOT_INPUTS: dict[str, Input] = {
 }
 
 
-def robot_feedthrough(*further: str) -> set[tuple[str, str]]:
+def robot_feedthrough(*further: str, shows: tuple[str, ...] = ()) -> set[tuple[str, str]]:
     """Every output of the robot's invariance controller, from every input that it reads."""
-    outputs = ("joint_position_command", *InvarianceController.port_units)
+    outputs = ("joint_position_command", *InvarianceController.port_units, *shows)
     return {(output, name) for output in outputs for name in (*ROBOT_INPUTS, *further)}
+
+
+def approached_controller() -> ApproachedController:
+    made = ApproachConfig(law=InvarianceRobotConfig(), timeout=0.05).add_to(DiagramBuilder(), model())
+    assert isinstance(made, ApproachedController)
+    return made
 
 
 def moving(t: float) -> np.ndarray:
@@ -88,6 +97,20 @@ ROBOT_EXAMPLES: dict[type[System], list[Example]] = {
             robot_feedthrough("motor_position"),
             ROBOT_INPUTS | {"motor_position": moving},
         ),
+        Example(
+            lambda: robot_controller(approached=True, sensor=SensorLag.of(model())),
+            robot_feedthrough("motor_position", MOVED, shows=(MOVED,)),
+            ROBOT_INPUTS | {"motor_position": moving, MOVED: lambda t: 0.002 * math.cos(30 * t) - 0.002},
+        ),
+    ],
+    ApproachedController: [
+        Example(
+            approached_controller,
+            robot_feedthrough(shows=(MOVED,))
+            | {("approach_mode", name) for name in ("desired_force", "measured_force")},
+            ROBOT_INPUTS,
+            periods={"period": 0.002},
+        )
     ],
     AdaptiveInvarianceController: [
         Example(
@@ -95,6 +118,12 @@ ROBOT_EXAMPLES: dict[type[System], list[Example]] = {
             robot_feedthrough(),
             ROBOT_INPUTS | {"motor_position": moving},
             periods={"period": 0.002, "posture_period": 0.04},
-        )
+        ),
+        Example(
+            lambda: adaptive_robot_controller(approached=True),
+            robot_feedthrough("approach_displacement", shows=(MOVED,)),
+            ROBOT_INPUTS | {"motor_position": moving, MOVED: lambda t: -0.01 * t},
+            periods={"period": 0.002, "posture_period": 0.04},
+        ),
     ],
 }

@@ -40,12 +40,13 @@ def drive(
     measured: Callable[[int, float], float] | None = None,
     reference: Signal | None = None,
     compliance: Signal | None = None,
+    approach: Signal | None = None,
     stiffness: float = 1 / COMPLIANCE,
 ) -> dict[str, np.ndarray]:
     """Every output of the controller over time, shape (ticks,) or (ticks, n).
 
     Args:
-        desired, reference, compliance: inputs by tick.
+        desired, reference, compliance, approach: inputs by tick.
         measured: force by tick and displacement command of the tick before; None: a spring that is always in contact.
     """
     context = controller.CreateDefaultContext()
@@ -67,6 +68,8 @@ def drive(
         }
         if compliance:
             values["compliance"] = [compliance(k)]
+        if approach:
+            values["approach_displacement"] = [approach(k)]
         for name, value in values.items():
             controller.GetInputPort(name).FixValue(context, np.asarray(value, dtype=float))
         if k == 0:

@@ -121,14 +121,48 @@ def test_a_bad_reading_holds_the_move(bad):
     assert way(log) == [APPROACH]
 
 
-def test_a_controller_of_joints_is_refused():
+def test_what_is_no_law_is_refused():
     with pytest.raises(BadInputError, match="is no force law: must have desired_force, measured_force"):
-        ApproachConfig(law=_Joints()).add_to(DiagramBuilder(), model())
+        ApproachConfig(law=_Other()).add_to(DiagramBuilder(), model())
 
 
-class _Joints:
+class _Other:
     def add_to(self, builder, model):
         return builder.AddNamedSystem("law", PassThrough(1))
+
+
+class _Approached(_Other):
+    add_approached = _Other.add_to
+
+
+@pytest.mark.parametrize(
+    ("law", "says"),
+    [
+        (
+            "!JointMoves {}",
+            "JointPath cannot be approached: must be a force law, or a controller of joints with add_appro",
+        ),
+        (
+            "!Hybrid {directions: {z: {}}}",
+            "Hybrid cannot be approached: must be a force law, or a controller of joints w",
+        ),
+        ("!Approach {}", "ApproachForceLaw has a guarded move of its own: must be a law without one"),
+    ],
+)
+def test_what_cannot_be_approached_is_named_in_one_line(law, says, tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text(f"station: {{fidelity: Kinematic}}\ncontroller: !Approach {{law: {law}}}\n")
+    with pytest.raises(BadInputError) as caught:
+        fc.build(str(path))
+    assert f"own.yaml:2: controller.law: {says}" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_controller_that_is_approached_has_the_ports_for_it():
+    with pytest.raises(
+        BadInputError, match=r"add_approached makes a PassThrough: must have the inputs desired_force, .*ap"
+    ):
+        ApproachConfig(law=_Approached()).add_to(DiagramBuilder(), model())
 
 
 def wall(depth: float, stiffness: float) -> Diagram:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import deepcopy
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.force.invariance.approach_steps import AT_REST, ApproachSteps
 from forcectl.force.invariance.objective import Along, Objective
 from forcectl.force.invariance.regulated_output import (
     ReferenceState,
@@ -81,7 +83,7 @@ class InvarianceTick(NamedTuple):
     motion: RobotMotion  # the commanded motion
     rows: Rows  # of the constraints
     along: Along  # of the regulated outputs
-    x: list[float]  # displacements of the regulated outputs [m]
+    x: list[float]  # displacements of the regulated outputs, without a guarded move [m]
     rate: Vector  # and their rates, (k,) [m/s]
     state: ReferenceState  # of the desired force
     in_sensor: list[float]  # memory of the sensor's model, see `SensorLag`
@@ -97,9 +99,9 @@ class InvarianceController(SampledBlock):
     ```
     name: InvarianceController
     input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference,
-    compliance (optional)]
+    compliance (optional), approach_displacement (optional)]
     output_ports: [joint_position_command, displacement_command, invariance_function, status, active_constraints, slack,
-    constraint_violation, near_singular, contact_lost]
+    constraint_violation, near_singular, contact_lost, approach_displacement (optional)]
     ```
 
     desired_force: shape (1,) [N]. measured_force: shape (1,) [N], read by the maximum force and the nominal law.
@@ -107,8 +109,11 @@ class InvarianceController(SampledBlock):
     otherwise the command is taken for the motion.
     unconstrained_reference: shape (n_q,), joint motion in the unconstrained directions from the start posture [rad].
     compliance: shape (1,), C_T_hat [m/N]; the port exists when no `compliance` is given.
-    joint_position_command: shape (n_q,), q_bar [rad]; its speed changes within the acceleration limits, always.
-    displacement_command: shape (1,), the part dx_bar of it along n [m].
+    approach_displacement: shape (1,), x_a [m]: as input that of a guarded move, as output what of it the command holds,
+    see `ApproachSteps`; the ports exist when it is `approached`.
+    joint_position_command: shape (n_q,), q_bar [rad]; its speed changes within the acceleration limits, always, but for
+    the steps of a guarded move.
+    displacement_command: shape (1,), the part dx_bar of it along n, the move included [m].
     invariance_function: shape (1,), Phi(y, y') [m] before the tick: above zero while y <= 0 cannot be kept with gamma.
     status: shape (1,), `Status` [1]; from INFEASIBLE on the joints brake and hold.
     active_constraints: shape (1,), rows and bounds that hold with equality [1]. slack: shape (1,) [m/s^2].
@@ -117,8 +122,8 @@ class InvarianceController(SampledBlock):
     near_singular: shape (1,), 1 while the inverse is damped [1].
     contact_lost: shape (1,), 1 while the force is gone though the command presses; it goes no deeper than before [1].
 
-    All outputs are feedthrough of desired_force, measured_force, unconstrained_reference and compliance at the tick.
-    All outputs are feedthrough of motor_position when it is read.
+    All outputs are feedthrough of desired_force, measured_force, unconstrained_reference, compliance and
+    approach_displacement at the tick. All outputs are feedthrough of motor_position when it is read.
 
     Sampling: every `period` [s]; no delay, see `SampledBlock`: what the tick computes is put out at once and held.
 
@@ -139,6 +144,8 @@ class InvarianceController(SampledBlock):
         sensor: its filter and delay; None: the measured force does not lag.
         period: tick [s].
         solver: of the program: its name, or the solver.
+        approached: whether a guarded move brings the tool to the surface, and back; the force law is in displacements
+            without it, walls and joint limits are not.
 
     Raises:
         BadInputError: values out of range, or that contradict each other or the start posture.
@@ -166,6 +173,7 @@ class InvarianceController(SampledBlock):
         sensor: SensorLag | None = None,
         period: float = 0.002,
         solver: str | Solver = DEFAULT_SOLVER,
+        approached: bool = False,
     ):
         super().__init__()
         self.sample_delay = {("desired_force", "joint_position_command"): 0.0}
@@ -191,6 +199,7 @@ class InvarianceController(SampledBlock):
         constraint_gamma = check_gamma("constraint_gamma", constraint_gamma)
         everything = [*force_limit, *constraints]
         self._constraints = ConstraintSet(everything, limits, self._origin, self._period, constraint_gamma)
+        self._approach = ApproachSteps(model, self._constraints, limits.velocity, period) if approached else None
 
         self._outputs = tuple(outputs)
         # Along -n, under the forces of other surfaces.
@@ -249,8 +258,12 @@ class InvarianceController(SampledBlock):
             "foreseen_rows": np.zeros(self._constraints.foreseen_size),
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
         }
+        if self._approach is not None:
+            inputs.append(self.DeclareVectorInputPort("approach_displacement", 1))
+            self.port_units = _DIAGNOSTICS | {"approach_displacement": "m"}
+            memory |= AT_REST
         self.declare_memory(memory, inputs, self._period)
-        self.show("joint_position_command", *_DIAGNOSTICS)
+        self.show("joint_position_command", *self.port_units)
 
     def program(self, context: Context) -> MathematicalProgram:
         """The quadratic program of the last tick, with all its rows; variables, rows and costs have names.
@@ -271,10 +284,10 @@ class InvarianceController(SampledBlock):
         program: ConstrainedProgram = self._program.Eval(context)
         return program.program(problem)
 
-    def _motion(self, context: Context, q: Vector, v: Vector) -> RobotMotion:
+    def _motion(self, context: Context, q: Vector, v: Vector, place: int = 0) -> RobotMotion:
         if self._model.constant_jacobian:
             return ConstantJacobianMotion(self._origin, q, v)
-        return RobotMotion(self._robot, self._scratch[0].Eval(context), q, v)
+        return RobotMotion(self._robot, self._scratch[place].Eval(context), q, v)
 
     def _tip_pose(self, context: Context, q: Vector) -> TipPose:
         if self._model.constant_jacobian:
@@ -302,7 +315,7 @@ class InvarianceController(SampledBlock):
         u = found.u
         violation = max(rows.violation, found.beyond)
         bending = along.rows @ u + along.bias
-        return {
+        new = {
             "displacement_command": x[0] + Ts * tick.rate.item(0) + 0.5 * Ts**2 * bending.item(0),
             "invariance_function": phi,
             "status": float(found.status),
@@ -321,6 +334,10 @@ class InvarianceController(SampledBlock):
             "foreseen_outputs": tick.rate + Ts * bending,
             "foreseen_rows": self._constraints.foresee(rows, u),
         }
+        if self._approach is not None:
+            asked, motion_at = inputs["approach_displacement"].item(), partial(self._motion, context, place=1)
+            new |= self._approach.step(motion_at, tick.motion.contact, asked, memory, new)
+        return new
 
     def _tick(self, context: Context, start: TickStart) -> InvarianceTick:
         """A tick up to its program."""
@@ -340,6 +357,7 @@ class InvarianceController(SampledBlock):
         motion = self._motion(context, q, v)
         angle = np.arcsin(np.clip(orientation_error(self._origin.rotation, motion.rotation), -1.0, 1.0))
         x = (self._axes @ np.append(angle, motion.position - self._origin.position)).tolist()
+        x[0] -= memory.get("approach_displacement", 0.0)
         rate = self._axes @ motion.velocity
         rates = rate.tolist()
         missed = (rate - memory["foreseen_outputs"]) / Ts

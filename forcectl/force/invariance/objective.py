@@ -23,6 +23,7 @@ from scipy.linalg.lapack import dposv, dsyev
 
 from forcectl.force.invariance.regulated_output import Regulated
 from forcectl.force.invariance.tracking import Tracking
+from forcectl.force.kinematic_inversion import DAMPING
 from forcectl.framework.kernels import is_definite
 from forcectl.qp.prioritized_program import Level
 from forcectl.robot.robot_motion import RobotMotion, TipPose
@@ -30,7 +31,6 @@ from forcectl.robot.robot_motion import RobotMotion, TipPose
 Vector = NDArray[np.float64]
 
 _PRIORITY = 1e3  # weight of regulated outputs beside the unconstrained directions
-_DAMPING = 0.05  # lambda_max of the damped inverse [m], as in the kinematic inversion
 _REDUNDANT = 1e-4  # weight of rest for joints that the task leaves free
 
 
@@ -117,4 +117,4 @@ class Objective:
         if self._free == 0 and is_definite(hessian - self._singular_eye):  # usually far from singular
             return 0.0
         smallest = max(dsyev(hessian, compute_v=0)[0].item(self._free), 0.0)
-        return max(_DAMPING**2 * (1.0 - smallest / self._singular), _REDUNDANT if self._free else 0.0)
+        return max(DAMPING**2 * (1.0 - smallest / self._singular), _REDUNDANT if self._free else 0.0)

@@ -13,12 +13,13 @@ from pydrake.systems.framework import DiagramBuilder, System
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.adaptive_force_law import Adaptation
+from forcectl.force.approach import without_move
 from forcectl.force.invariance.controller import METRICS, InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag, sensor_model
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
-from forcectl.framework.wiring import export_all_outputs
+from forcectl.framework.wiring import export_all_outputs, input_names
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
@@ -33,15 +34,17 @@ class AdaptiveInvarianceController(PythonDiagram):
 
     ```
     name: AdaptiveInvarianceController
-    input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference]
+    input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference,
+    approach_displacement (optional)]
     output_ports: [joint_position_command, displacement_command, invariance_function, status, active_constraints, slack,
-    constraint_violation, near_singular, contact_lost, environment_compliance]
+    constraint_violation, near_singular, contact_lost, approach_displacement (optional), environment_compliance]
     ```
 
-    motor_position: shape (n_q,) [rad]: where the tool really is; filtered like the force before it is regressed.
+    motor_position: shape (n_q,) [rad]: where the tool really is; filtered like the force, and without the displacement
+    of a guarded move, it is regressed.
     environment_compliance: shape (1,), C_E_hat [m/N]. State.
-    The other ports: see `InvarianceController`. All outputs are feedthrough of desired_force, measured_force and
-    unconstrained_reference at the tick.
+    The other ports: see `InvarianceController`. All outputs are feedthrough of desired_force, measured_force,
+    unconstrained_reference and approach_displacement at the tick.
 
     Sampling: every `period` [s] of the controller; every `posture_period` [s] what the estimator needs of the posture;
     the compliance it uses is one tick old.
@@ -55,12 +58,16 @@ class AdaptiveInvarianceController(PythonDiagram):
         add("estimator", estimator)
         filter_ = add("displacement_filter", sensor_model(model, 1))
         tip = add("motor_displacement", model.tip_displacement())
-        ports = {}
-        for name in ("desired_force", "measured_force", "motor_position", "motor_velocity", "unconstrained_reference"):
-            ports[name] = builder.ExportInput(controller.GetInputPort(name), name)
+        names = [name for name in input_names(controller) if name != "compliance"]
+        ports = {name: builder.ExportInput(controller.GetInputPort(name), name) for name in names}
         builder.ConnectInput(ports["motor_position"], tip.get_input_port())
         builder.ConnectInput(ports["measured_force"], estimator.GetInputPort("measured_force"))
-        connect(tip.get_output_port(), filter_.get_input_port())
+        displacement = tip.get_output_port()
+        if controller.HasOutputPort("approach_displacement"):
+            without = without_move(builder, "own_displacement", controller.GetOutputPort("approach_displacement"))
+            connect(displacement, without.get_input_port(1))
+            displacement = without.get_output_port()
+        connect(displacement, filter_.get_input_port())
         connect(filter_.get_output_port(), estimator.GetInputPort("displacement"))
         connect(estimator.GetOutputPort("compliance"), controller.GetInputPort("compliance"))
         export_all_outputs(builder, controller)
@@ -154,6 +161,13 @@ class InvarianceRobotConfig(Config):
 
         That of the robot alone has the same error.
         """
+        return self._add(builder, model, approached=False)
+
+    def add_approached(self, builder: DiagramBuilder, model: PlantModel) -> System:
+        """The same with a guarded move in its command, see `forcectl.force.slot`."""
+        return self._add(builder, model, approached=True)
+
+    def _add(self, builder: DiagramBuilder, model: PlantModel, approached: bool) -> System:
         if model.robot is None:
             raise BadInputError("controller !InvarianceRobot commands joints: there must be a robot in the loop")
         known = self.compliance_error * model.total_compliance.item()
@@ -174,6 +188,7 @@ class InvarianceRobotConfig(Config):
             sensor=SensorLag.of(model),
             period=model.period,
             solver=self.solver,
+            approached=approached,
         )
         if self.adaptation is None:
             return builder.AddNamedSystem("invariance_controller", controller)

@@ -1,0 +1,113 @@
+"""The displacement of a guarded move in the joint commands of a controller with constraints::
+
+    q_bar = q + s J(q)^-1 n d,    x_a <- x_a + n'(p(q_bar) - p(q)),    0 <= s <= 1
+
+with q what the controller commands without the step, and d what the move makes in the tick. s is the largest with which
+no joint exceeds its speed limit together with the controller, or half of that, a quarter, ..., until no constraint and
+no position limit of a joint asks the controller to brake, or to brake harder, than it does without the step.
+
+So a move ends in front of a wall or a limit: it stays there, and comes to its time-out. What is cut off a step into the
+surface is dropped; what is cut off one out of it is made up for in the ticks after. Steps have no limit of
+acceleration, and limits of the tool's speed (`SpeedLimit`) are for the controller's own motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.force.kinematic_inversion import DAMPING, damped_direction
+from forcectl.framework.kernels import smallest
+from forcectl.framework.sampled_block import Memory
+from forcectl.plant.plant_model import PlantModel
+from forcectl.robot.robot_motion import ContactMotion, RobotMotion
+from forcectl.tasks.constraints.base import ConstraintSet, Rows
+
+Vector = NDArray[np.float64]
+
+_HALVINGS = 8
+_SLIGHT = 1e-9  # [m, rad] by which a step along a constraint may leave it: the posture changes within the step
+
+
+# What the steps remember: what the move asked for at the last tick, what is left of its steps out of the surface, and
+# the x_a that the command holds [m].
+AT_REST = {"approach_asked": 0.0, "approach_left": 0.0, "approach_displacement": 0.0}
+
+
+class ApproachSteps:
+    """The steps of the guarded move of one controller.
+
+    Args:
+        model: of the plant, with a robot and one normal.
+        constraints: of the controller, joint limits included.
+        speed: limits of the joints, (n,) [rad/s].
+        period: tick Ts [s].
+    """
+
+    def __init__(self, model: PlantModel, constraints: ConstraintSet, speed: Vector, period: float):
+        self._n, self._limit, self._constraints = model.n, model.singularity_limit, constraints
+        self._largest, self._slight = speed * period, 2.0 * _SLIGHT / period**2
+        self._unforeseen = np.full(constraints.foreseen_size, np.nan)
+
+    def step(
+        self,
+        motion_at: Callable[[Vector, Vector], RobotMotion],
+        contact: ContactMotion,
+        asked: float,
+        memory: Memory,
+        new: Memory,
+    ) -> dict[str, Any]:
+        """What a step changes of the memory after a tick.
+
+        Args:
+            motion_at: the motion at joint positions and speeds, (n,) [rad, rad/s]; it may overwrite what the one before
+                works with.
+            contact: of the controller: the move is no part of its displacement.
+            asked: displacement x_a of the move [m].
+            memory: of the tick before.
+            new: of the controller after the tick, without the step.
+        """
+        q, v = new["joint_position_command"], new["joint_velocity_command"]
+        wanted, made = memory["approach_left"] + asked - memory["approach_asked"], 0.0
+        if wanted != 0.0:
+            here = motion_at(q, v)
+            here.contact = contact
+            free, place = self._constraints.rows(here, self._unforeseen), self._n @ here.position
+            whole = wanted * damped_direction(here.jacobian, self._n, self._limit, DAMPING)[0]
+            share = self._within_speeds(q - memory["joint_position_command"], whole)
+            for halvings in range(_HALVINGS):
+                there = motion_at(q + 0.5**halvings * share * whole, v)
+                there.contact = contact
+                if self._admitted(free, self._constraints.rows(there, self._unforeseen)):
+                    q, made = there.q, float(self._n @ there.position - place)
+                    break
+        moved = memory["approach_displacement"] + made
+        return {
+            "joint_position_command": q,
+            "displacement_command": new["displacement_command"] + moved,
+            "approach_asked": asked,
+            "approach_left": max(wanted - made, 0.0),
+            "approach_displacement": moved,
+        }
+
+    def _within_speeds(self, moves: Vector, step: Vector) -> float:
+        """The share of a step, from 0 to 1, that no joint is too fast with, beside what it `moves` anyway."""
+        room = np.maximum(self._largest - np.sign(step) * moves, 0.0)
+        turns = np.abs(step) > 0.0
+        return min(1.0, smallest(room[turns] / np.abs(step[turns]))) if turns.any() else 0.0
+
+    def _admitted(self, without: Rows, with_it: Rows) -> bool:
+        """Whether a step asks for no braking that is not asked for without it."""
+        if not with_it.violation <= max(without.violation, 0.0) + _SLIGHT:
+            return False
+        least = np.minimum(_allowed(without) - self._slight, 0.0)
+        return bool((_allowed(with_it) >= least).all())
+
+
+def _allowed(rows: Rows) -> Vector:
+    """The largest y'' of every constraint of relative degree 2, and u of every joint either way."""
+    second = len(rows.limit) - len(rows.bias)
+    return np.concatenate([rows.limit[second:] + rows.bias, rows.upper, -rows.lower])
