@@ -303,7 +303,7 @@ STORIES = {
         shortened("forcectl sweep pipette --workers 2 --out runs/pipettes"),
         shortened("forcectl sweep pipette", "results in runs/pipette-1"),
         shortened("forcectl sweep plywood_directions"),
-        shortened("forcectl sweep touch_down", shard="3/19"),
+        shortened("forcectl sweep touch_down", shard="3/22"),
         shortened("forcectl sweep touch_down_speeds", shard="2/5"),
     ), short="sweeps"),
 }  # fmt: skip

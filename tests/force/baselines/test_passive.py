@@ -10,6 +10,8 @@ from pydrake.systems.primitives import PassThrough
 from forcectl.errors import BadInputError
 from forcectl.force.baselines.passive import PassiveConfig
 from forcectl.force.integral import IntegralConfig
+from forcectl.force.invariance.robot import InvarianceRobotConfig
+from tests.examples.robot_controller_runs import robot_plant_model
 from tests.force.baselines.ideal_plant import C_T, FORCE, PERIOD, commands, model, pressed, wandering
 
 WILD = IntegralConfig(integral_gain=1050.0)  # 2.1 per tick: unstable on the ideal plant
@@ -79,3 +81,8 @@ class Joints:
 def test_a_controller_of_joints_is_refused():
     with pytest.raises(BadInputError, match="is no force law: must have measured_force, displacement_command"):
         PassiveConfig(law=Joints()).add_to(DiagramBuilder(), model())
+
+
+def test_a_controller_of_joints_that_also_puts_out_its_displacement_is_refused():
+    with pytest.raises(BadInputError, match="InvarianceController commands joints: must be a force law"):
+        PassiveConfig(law=InvarianceRobotConfig()).add_to(DiagramBuilder(), robot_plant_model())
