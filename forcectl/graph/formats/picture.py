@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import replace
 
-from forcectl.graph.layout.frame import frame
+from forcectl.graph.layout.frame import MARGIN, frame
 from forcectl.graph.layout.order import ranks
 from forcectl.graph.layout.placed import Picture, PlacedBox
 from forcectl.graph.layout.shapes import shape_of
 from forcectl.graph.layout.sorting.sweeps import BOTTOM
 from forcectl.graph.model import Block, BlockGraph
-
-_MARGIN = 16.0  # around the picture
 
 Hints = dict[tuple[str, str], float]  # side and port of a diagram -> where its wire comes from or goes to outside
 
@@ -33,8 +31,8 @@ class Layouter:
         """
         opened = self._graph.unfolded() if unfolded is None else unfolded
         inner = self._block(self._graph.root, opened, {}, careful)
-        whole = inner.moved(_MARGIN, _MARGIN)
-        return replace(whole, width=inner.width + 2 * _MARGIN, height=inner.height + 2 * _MARGIN)
+        whole = inner.moved(MARGIN, MARGIN)
+        return replace(whole, width=inner.width + 2 * MARGIN, height=inner.height + 2 * MARGIN)
 
     def _block(self, block: Block, opened: frozenset[str], hints: Hints, careful: bool) -> Picture:
         """Picture of one block with its corner at the origin; its own box or frame comes first."""

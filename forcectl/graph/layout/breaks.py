@@ -17,7 +17,7 @@ def in_rows(
     *,
     widest: float,
     narrow: float,
-    high: float,
+    around: tuple[float, float],
     passing: Mapping[int, int] | None = None,
     cost: Callable[[Strips], tuple[float, int]] | None = None,
 ) -> Strips:
@@ -28,13 +28,13 @@ def in_rows(
         last: column, counted from 1 on.
         widest: width by height of what is not broken further.
         narrow: width of what is not broken further [px].
-        high: height of what stands above and below the rows [px].
+        around: width and height of what is around the rows [px].
         passing: how many signals lead past the right side of each column.
         cost: of the wires of a layout, by which rows between which fewer signals lead are compared; None: they are not.
     """
 
     def fits(strips: Strips) -> bool:
-        return strips.width <= max(narrow, widest * (strips.height + high))
+        return strips.width <= max(narrow, widest * (strips.height + around[1]) - around[0])
 
     best = strips = lay_out([])
     widths = strips.spans()

@@ -2,7 +2,7 @@
 
 Rows stand below one another. A wire to the next row leaves at the right, runs between the rows and enters at the left;
 one that leads back to an earlier row runs below all of them and in at the left, or up and in at the right end,
-whichever saves bends and crossings.
+whichever saves bends and crossings. A signal that leads to another row and back in its own goes round only once.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ from forcectl.graph.layout.sorting.measure import CROSSING, count_bends, count_c
 from forcectl.graph.layout.strips import Strips
 from forcectl.graph.model import Block, Endpoint
 
+MARGIN = 16.0  # around the picture
 _PAD = 14.0  # inside a frame
-_WIDEST = {True: 2.3, False: 3.2}  # width by height of the whole, and of a diagram in it
+_WIDEST = {True: 2.5, False: 3.2}  # width by height of the whole, and of a diagram in it
 _WAYS = 3  # wires from later rows for which another way is tried, at most
-_NARROW = {True: 1500.0, False: 1600.0}  # [px] what is not broken into rows
+_NARROW = {True: 1500.0, False: 2000.0}  # [px] what is not broken into rows
 
 Wires = Mapping[Endpoint, Sequence[Endpoint]]
 
@@ -82,13 +83,14 @@ def frame(
         ranks = [column[end.block] for end in (source, *targets) if end.block != block.path]
         for cut in range(min(ranks, default=0), max(ranks, default=0)):
             passing[cut] += 1
+    margins = 2 * MARGIN if whole else 0.0
     cost = (lambda strips: _cost(strips, wires)) if careful else None
     best = in_rows(
         laid_out,
         last,
         widest=_WIDEST[whole],
         narrow=_NARROW[whole],
-        high=FRAME_TITLE + 2 * _PAD,
+        around=(margins, FRAME_TITLE + 2 * _PAD + margins),
         passing=passing,
         cost=cost,
     )
@@ -117,7 +119,7 @@ def _finished(
         )
         own.append(net)
     inside = [
-        _with_port_order(picture, item).moved(x, y + down)
+        _as_placed(picture, item).moved(x, y + down)
         for picture, item, (x, y) in zip(inner, strips.items.values(), map(strips.corner, strips.items), strict=True)
     ]
     inside.append(Picture(0.0, 0.0, (), tuple(own)).moved(0.0, down))
@@ -143,10 +145,16 @@ def _item(block: Block, rank: int, picture: Picture) -> Item:
         ports={side: [name for name, _ in ports] for side, ports in sides.items()},
         slots={side: [place for _, place in ports] for side, ports in sides.items()},
         loose=box.shape is not None and block.type_name not in ("Multiplexer", "Demultiplexer"),
+        elastic=box.shape is not None and box.shape.form in ("box", "bar") and bool(box.inputs or box.outputs),
     )
 
 
-def _with_port_order(picture: Picture, item: Item) -> Picture:
-    """The picture of a block after its ports were exchanged among their places."""
+def _as_placed(picture: Picture, item: Item) -> Picture:
+    """The picture of a block after its ports were exchanged and moved, and it grew for that."""
     inputs, outputs = (tuple(zip(item.ports[side], item.slots[side], strict=True)) for side in ("in", "out"))
-    return replace(picture, boxes=(replace(picture.boxes[0], inputs=inputs, outputs=outputs), *picture.boxes[1:]))
+    box = replace(picture.boxes[0], height=item.height, inputs=inputs, outputs=outputs)
+    if box.shape is not None and (more := item.height - picture.height):
+        x, y, width, height = box.shape.body
+        taller = replace(box.shape, height=item.height, body=(x, y, width, height + more))
+        box = replace(box, shape=taller)
+    return replace(picture, height=item.height, boxes=(box, *picture.boxes[1:]))

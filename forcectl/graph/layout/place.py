@@ -28,7 +28,7 @@ def place_rows(
         turns: of those that lead back.
         count: number of columns.
         outside: heights, in any unit, at which the wires of terminals go on outside of the diagram.
-        careful: whether bends count, and the order is polished.
+        careful: whether bends count, the order is polished, and blocks may grow where that makes wires straight.
     """
     columns: Columns = [[] for _ in range(count)]
     for item in items:
@@ -44,7 +44,7 @@ def place_rows(
     sorter.sort(bends if careful else None)
     if careful:
         polish(sorter, hops, bends)
-    set_heights(columns, hops, lengths)
+    set_heights(columns, hops, lengths, elastic=careful)
     return columns
 
 

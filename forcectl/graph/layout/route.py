@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from forcectl.graph.layout.rows import Columns, Crossing, End, Item, Point, Turn
 
@@ -12,6 +14,7 @@ TRACK = 11.0  # between upright tracks
 LANE = 13.0  # between the wires below a row
 _ENTRY = 15.0  # from the last track to a block: room for the arrow head
 _NARROW = 26.0
+_TEXT = 16.0  # height of a text above its wire, with room
 
 
 @dataclass
@@ -51,7 +54,6 @@ class _Track:
     left: list[float] = field(default_factory=list)
     right: list[float] = field(default_factory=list)
     x: float = 0.0
-    number: int = -1
 
     @property
     def span(self) -> tuple[float, float]:
@@ -104,12 +106,12 @@ def set_columns(
         if at_right:
             break
         tracks = channels[number]
-        count = _number_tracks(list(tracks.values()))
-        label = max((nets[n].label_width for n in tracks if nets[n].rank == number), default=0.0)
-        start = x + label + (10.0 if label else 6.0)
+        starting = ((n, *nets[n].source, nets[n].label_width) for n in tracks if nets[n].rank == number)
+        texts = {n: _Text(item.place("out", port)[1], width) for n, item, port, width in starting if width}
+        width = _place_tracks(list(tracks.values()), texts)
         for track in tracks.values():
-            track.x = round(start + max(track.number, 0) * TRACK, 2)
-        x += max(_NARROW, start - x + max(count - 1, 0) * TRACK + _ENTRY) if tracks else 14.0
+            track.x = round(x + track.x, 2)
+        x += max(_NARROW, width + _ENTRY) if tracks else 14.0
     return x, channels
 
 
@@ -127,8 +129,18 @@ def _channel(number: int, hops: list[Crossing], turns: list[Turn]) -> Tracks:
     return {net: _Track(net, list(dict.fromkeys(left[net])), right[net]) for net in sorted({*left, *right})}
 
 
-def _number_tracks(tracks: list[_Track]) -> int:
-    """Order the wires of a channel so that few cross and none run on top of each other; returns how many tracks."""
+class _Text(NamedTuple):
+    """What is written at the start of a wire: height of the wire, and width of the text."""
+
+    y: float
+    width: float
+
+
+def _place_tracks(tracks: list[_Track], texts: Mapping[int, _Text]) -> float:
+    """Set `x` of the wires of a channel so that few cross, none run on top of each other and none through a text.
+
+    Returns: where the last of them is, or the longest text ends; both from the left side of the channel on.
+    """
     order = [track for track in tracks if track.span[1] - track.span[0] >= 0.01]
     order.sort(key=lambda t: (sum(t.right) / max(len(t.right), 1) - sum(t.left) / max(len(t.left), 1), t.net))
     cost = {(a.net, b.net): _cost(a, b) for a in order for b in order if a is not b}
@@ -148,9 +160,10 @@ def _number_tracks(tracks: list[_Track]) -> int:
             break
     for index, track in enumerate(order):
         low, high = track.span
-        meets = [o.number for o in order[:index] if o.span[0] < high + 8.0 and low < o.span[1] + 8.0]
-        track.number = 1 + max(meets, default=-1)
-    return 1 + max((track.number for track in order), default=-1)
+        passed = [t.width for n, t in texts.items() if n == track.net or (low < t.y and t.y - _TEXT < high)]
+        meets = [o.x for o in order[:index] if o.span[0] < high + 8.0 and low < o.span[1] + 8.0]
+        track.x = max([6.0, *(width + 10.0 for width in passed), *(x + TRACK for x in meets)])
+    return max([6.0, *(text.width + 10.0 for text in texts.values()), *(track.x for track in order)])
 
 
 def _by_preference(tracks: list[_Track], cost: dict[tuple[int, int], float]) -> list[_Track]:

@@ -20,6 +20,7 @@ class Item:
         rank: number of the column.
         ports: names on either side, "in" and "out", from top to bottom; exchanged among the slots when `loose`.
         slots: places of the ports relative to the item's upper left corner.
+        elastic: a block that may grow where that makes wires straight.
         row: number in its column.
     """
 
@@ -29,6 +30,7 @@ class Item:
     ports: dict[str, list[str]] = field(default_factory=dict)
     slots: dict[str, list[Point]] = field(default_factory=dict)
     loose: bool = False
+    elastic: bool = False
     wire: bool = False
     terminal: bool = False
     x: float = 0.0

@@ -79,7 +79,7 @@ def chart_picture(chart: MachineChart) -> ChartPicture:
         }
         return Strips(_WHOLE, {_START: dot, **items}, wires, labels, {}, cuts)
 
-    strips = in_rows(laid_out, last, widest=_WIDEST, narrow=_NARROW, high=2 * _MARGIN)
+    strips = in_rows(laid_out, last, widest=_WIDEST, narrow=_NARROW, around=(2 * _MARGIN, 2 * _MARGIN))
     groups: list[tuple[str, tuple[Mark, ...]]] = []
     for mode in chart.modes:
         marks = _mode_marks(mode, _moved(strips.corner(mode.name)), sizes[mode.name])

@@ -25,29 +25,31 @@ _TERMINAL_LINE = 15.0  # from the top of a terminal's name to its wire
 _POINT = 12.0  # height of a place where a wire enters or leaves a row
 _BETWEEN = 22.0  # from a row to the next, beside the wires between them
 
+_Part = tuple[Endpoint, bool]  # source of a signal, and whether it enters at the left from outside of the row
+
 
 class Strip:
     """One row: items, the signals among them, and its left and right ends.
 
     Args:
         items: with their columns, from 1 on; ends are at the first and behind the last.
-        nets: by source.
+        nets: the parts of the signals in this row.
         outside: where the wires at the ends come from or go to, as far as known.
         count: number of columns, ends included.
-        careful: whether the order in the columns is improved wire by wire.
+        careful: see `place_rows`.
     """
 
     def __init__(
         self,
         items: Sequence[Item],
-        nets: Mapping[Endpoint, Net],
+        nets: Mapping[_Part, Net],
         outside: Mapping[Item, float],
         count: int,
         careful: bool,
     ) -> None:
         self.nets = nets
         every = list(nets.values())
-        self._number = {source: number for number, source in enumerate(nets)}
+        self._number = {part: number for number, part in enumerate(nets)}
         hops, turns = bend_points(every)
         bends = [bend for net in every for bend in net.bends.values()]
         for net in sorted(every, key=lambda net: len(net.returning)):  # long returns run below short ones
@@ -56,15 +58,9 @@ class Strip:
         self.height = max((item.y + item.height for column in self.columns for item in column), default=0.0)
         self.width, self._channels = set_columns(every, self.columns, hops, turns)
 
-    def widen(self, width: float) -> None:
-        """Move what stands at the right end."""
-        for item in self.columns[-1]:
-            item.x += width - self.width
-        self.width = width
-
-    def path(self, source: Endpoint, target: End) -> list[Point]:
+    def path(self, part: _Part, target: End) -> list[Point]:
         """Corners of a wire, counted from the corner of the strip."""
-        return wire_points(self.nets[source], self._number[source], target, self._channels)
+        return wire_points(self.nets[part], self._number[part], target, self._channels)
 
 
 class Strips:
@@ -113,7 +109,7 @@ class Strips:
 
     def _strip(self, row: int) -> Strip:
         block, last = self._block, self._counts[row] - 1
-        nets: dict[Endpoint, Net] = {}
+        nets: dict[_Part, Net] = {}
         outside: dict[Item, float] = {}
         for port in block.inputs if row == 0 else ():
             source = Endpoint(block.path, port.name)
@@ -154,7 +150,12 @@ class Strips:
                     self._exits[row, source] = leaving
                     upwards = all((other, source) in self._inward for other in rows - {row})
                     outside[leaving] = -BOTTOM if upwards else BOTTOM
-                    here.append((leaving, source.port))
+                    back = [] if upwards else [end for end in here if end[0].rank <= start[0].rank]
+                    here = [*(end for end in here if end not in back), (leaving, source.port)]
+                    if back:  # goes round the row with what leads to the next one
+                        point = self._point(0, "out", source.port)
+                        self._entries[row, source], outside[point] = point, BOTTOM
+                        nets[source, True] = Net((point, source.port), back)
             elif (row, source) in self._inward:
                 start = self._point(last, "in", source.port), source.port
                 self._inlets[row, source] = start[0]
@@ -168,7 +169,7 @@ class Strips:
             else:
                 continue
             enters = (row, source) in self._inlets
-            nets[source] = Net(start, here, self._labels[source] if row == home else 0.0, enters)
+            nets[source, row != home] = Net(start, here, self._labels[source] if row == home else 0.0, enters)
         ends = [item for at, item in self._terminals.values() if at == row]
         ends += [
             item
@@ -194,9 +195,6 @@ class Strips:
 
     def _join_rows(self) -> None:
         """Stack the rows and lead the wires from one to another."""
-        width = max(strip.width for strip in self._strips)
-        for strip in self._strips:
-            strip.widen(width)
         between: dict[int, list[Endpoint]] = defaultdict(list)  # by the row that a wire runs below
         bottom = len(self._strips) - 1
         upwards: list[Endpoint] = []  # from the uppermost on
@@ -220,19 +218,17 @@ class Strips:
             for number, source in enumerate(order):
                 self._left[source] = names["in"] + 8.0 + TRACK * number
         self._begin = names["in"] + (TRACK * len(order) + 14.0 if order else 0.0)
-        inner = 0
-        for row in range(bottom):
-            for number, source in enumerate(between[row]):
-                self._right[source] = self._begin + width + 6.0 + TRACK * number
-            inner = max(inner, len(between[row]))
-        for number, source in enumerate(around):
-            inner_here = inner if home[source] != bottom else 0
-            self._right[source] = self._begin + width + 6.0 + TRACK * (inner_here + number)
-            inner = max(inner, inner_here + number + 1) if home[source] != bottom else inner
-        tracks = max(inner, len(around))
-        for source in upwards:
-            self._right[source] = self._begin + width + 6.0 + TRACK * tracks
-            tracks += 1
+        # What leads on below its row runs down beside it, everything else outside of all rows.
+        close = {row: [s for s in between[row] if home[s] == row] for row in range(bottom + 1)}
+        end = max(strip.width for strip in self._strips)
+        for row, strip in enumerate(self._strips):
+            for number, source in enumerate(close[row]):
+                self._right[source] = self._begin + strip.width + 6.0 + TRACK * number
+                end = max(end, strip.width + TRACK * (number + 1) + 8.0)
+        far = [*(source for source in around if home[source] != bottom), *upwards]
+        for number, source in enumerate(far):
+            self._right[source] = self._begin + end + 6.0 + TRACK * number
+        end += TRACK * len(far) + 8.0 if far else 0.0
         y = 0.0
         self._tops = []
         for row, strip in enumerate(self._strips):
@@ -246,7 +242,10 @@ class Strips:
             elif lanes:
                 y += 16.0 + LANE * (len(lanes) - 1)
         self.height = y
-        self.width = self._begin + width + (TRACK * tracks + 8.0 if tracks else 0.0) + names["out"]
+        for (side, _), (row, item) in self._terminals.items():
+            if side == "out":
+                item.x += end - self._strips[row].width
+        self.width = self._begin + end + names["out"]
 
     def _names(self, side: str) -> float:
         """Width of the column of names of the diagram's ports at one side."""
@@ -264,9 +263,9 @@ class Strips:
         """Make the diagram so wide at least."""
         if (more := width - self.width) > 0.0:
             self.width = width
-            for strip in self._strips:
-                strip.widen(strip.width + more)
-            self._right = {source: x + more for source, x in self._right.items()}
+            for (side, _), (_, item) in self._terminals.items():
+                if side == "out":
+                    item.x += more
 
     def inputs(self) -> dict[str, Point]:
         """Places of the diagram's inputs."""
@@ -299,8 +298,10 @@ class Strips:
                 (self._terminals["out", target.port][1] if target.block == block else self.items[target.block]),
                 target.port,
             )
-            points = self._moved(row, source, end)
-            if row != home:
+            back = not of_block and end[0].rank <= self.items[source.block].rank
+            outside = row != home or (back and (row, source) in self._entries)
+            points = self._moved(row, (source, outside), end)
+            if outside:
                 y = points[0][1]
                 left = self._left.get(source, 0.0)
                 if of_block:
@@ -308,7 +309,7 @@ class Strips:
                     points = [start, (left, start[1]), (left, y), *points]
                 else:
                     right = self._right[source]
-                    before = self._moved(home, source, (self._exits[home, source], source.port))
+                    before = self._moved(home, (source, False), (self._exits[home, source], source.port))
                     if (row, source) in self._inward:
                         found.append(without_repeats([*before, (right, before[-1][1]), (right, y), *points]))
                         continue
@@ -321,8 +322,8 @@ class Strips:
             found.append(without_repeats(points))
         return found
 
-    def _moved(self, row: int, source: Endpoint, end: End) -> list[Point]:
-        return [self._moved_point(row, point) for point in self._strips[row].path(source, end)]
+    def _moved(self, row: int, part: _Part, end: End) -> list[Point]:
+        return [self._moved_point(row, point) for point in self._strips[row].path(part, end)]
 
     def _moved_point(self, row: int, point: Point) -> Point:
         return point[0] + self._begin, point[1] + self._tops[row]

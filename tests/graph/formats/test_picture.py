@@ -9,6 +9,7 @@ import pytest
 from forcectl.graph.export import graph
 from forcectl.graph.formats.picture import Layouter
 from forcectl.graph.layout.placed import Picture
+from forcectl.graph.layout.shapes import SIGNAL_SIZE, text_width
 from tests.examples.graph_diagrams import ALL, force_loop, primitive_loop, random_diagram
 
 
@@ -60,6 +61,15 @@ def test_wires_arrive_from_the_left_and_leave_to_the_right(picture):
         for wire in net.wires:
             assert wire[1][0] > wire[0][0]
             assert wire[-2][0] < wire[-1][0] - 8.0  # room for the arrow head
+
+
+def test_no_wire_runs_down_through_the_text_of_a_signal(picture):
+    for net, other in itertools.product(picture.nets, picture.nets):
+        left, low = net.text_at
+        right = left + text_width(net.signal, SIGNAL_SIZE)
+        for (x, y), (same, z) in legs(other):
+            if abs(x - same) < 0.01 and left < x < right:
+                assert max(y, z) < low - SIGNAL_SIZE or min(y, z) > low, (net.source, other.source)
 
 
 def test_no_two_signals_run_on_top_of_each_other(picture):

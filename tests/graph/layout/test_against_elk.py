@@ -25,13 +25,9 @@ DEPTHS = (1, 2)
 # the test, and so does a line that is not needed any more.
 MORE_CROSSINGS: dict[tuple[str, int], tuple[int, int]] = {
     ("baselines", 2): (5, 4),
-    ("fig_3_4_robot", 2): (14, 12),
 }
 MORE_BENDS: dict[tuple[str, int], tuple[int, int]] = {
-    ("baselines", 2): (37, 36),
-    ("fig_5_2", 2): (35, 34),
-    ("fig_6_5", 2): (50, 42),
-    ("force_estimation", 2): (51, 38),
+    ("fig_6_5", 2): (46, 39),
 }
 
 

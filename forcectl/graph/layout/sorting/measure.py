@@ -11,7 +11,7 @@ from forcectl.graph.layout.rows import Point
 Wires = Sequence[Sequence[Point]]  # of one signal
 Lines = list[tuple[float, float, float]]  # where on the other axis, from, to
 
-CROSSING = 0.6  # as bad as that many bends
+CROSSING = 1.0  # as bad as that many bends
 _NEAR = 0.05  # [px]
 
 
