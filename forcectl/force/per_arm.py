@@ -8,7 +8,8 @@ from typing import Any
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
-from forcectl.errors import BadInputError, about, invalid
+from forcectl.errors import about, invalid
+from forcectl.force.law import require_force_law
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, slot
 from forcectl.framework.wiring import Enclosed, stacked
@@ -58,6 +59,9 @@ class PerArm(PythonDiagram):
     Args:
         laws: by arm.
         model: of the plant, with k loops.
+
+    Raises:
+        BadInputError: one of them is no force law.
     """
 
     def __init__(self, laws: dict[str, Any], model: PlantModel):
@@ -69,10 +73,7 @@ class PerArm(PythonDiagram):
             inner = DiagramBuilder()
             with about(laws[arm]):
                 law = laws[arm].add_to(inner, model.loop(i))
-            if not law.HasOutputPort("displacement_command"):
-                raise BadInputError(
-                    f"{type(law).__name__} has no displacement_command: must be a force law", key=f"laws.{arm}"
-                )
+                require_force_law(law, _INPUTS[:2])
             added.append(builder.AddNamedSystem(arm, Enclosed(inner, law)))
         for name in _INPUTS:
             users = [(i, law) for i, law in enumerate(added) if law.HasInputPort(name)]

@@ -187,6 +187,10 @@ def test_a_load_on_the_elbow_is_no_load_on_the_tool():
         ({"signals": {"measured_force": parse("!Projection {of: tip_wrench}", "f")}}, "wants tip_wrench"),
         ({"signals": {"measured_force": parse("!Projection {arm: left}", "f")}}, "has size 2: must be 1"),
         ({"controller": parse("!PerArm {laws: {left: !Integral {}}}", "f")}, "must be one for each arm that presses"),
+        (
+            {"controller": parse("!PerArm {laws: {left: !InvarianceRobot {}, right: !Integral {}}}", "f")},
+            "laws.left: InvarianceController commands joints: must be a force law",
+        ),
     ],
 )
 def test_what_does_not_connect_is_one_line(changes, text):
