@@ -77,39 +77,46 @@ def fitting(base: str, changes: dict[str, Any]) -> Iterator[str]:
     from forcectl.errors import BadInputError
     from forcectl.framework.yaml_tree import Tagged
     from forcectl.scenario.catalog import tags_of
-    from forcectl.scenario.scenario import build, load_scenario
+    from forcectl.scenario.scenario import load_scenario
 
     for tag in tags_of("controller"):
         try:
-            build(load_scenario(base, overrides=changes | {"controller": Tagged({}, tag)}))
+            scenario = load_scenario(base, overrides=changes | {"controller": Tagged({}, tag)})
         except BadInputError:
             continue
-        yield tag
+        if _can_be_built(scenario):
+            yield tag
+
+
+def _can_be_built(scenario: Scenario) -> bool:
+    """Whether its parts fit: that of an `!Approach` is refused where no guard could hold its first touch."""
+    from forcectl.errors import BadInputError
+    from forcectl.scenario.scenario import build
+
+    try:
+        build(scenario)
+    except BadInputError:
+        return False
+    return True
 
 
 def drawn(group: Group, number: int, with_fault: bool) -> tuple[Scenario, Scenario, DeclaredFault | None, float]:
     """Scenario with and without its fault, the fault, and its begin [s]."""
-    from forcectl.errors import BadInputError
     from forcectl.framework.yaml_tree import Tagged
-    from forcectl.scenario.scenario import build, load_scenario
+    from forcectl.scenario.scenario import load_scenario
     from forcectl.sweeps.faults.declared import FAULTS, changes_of
 
     rng = np.random.default_rng([number, int(with_fault), *group.name.encode()])
     changes = {**group.changes, "duration": group.duration, "seed": int(rng.integers(1000))}
-    sound = None
-    while sound is None:
+    while True:
         force = rng.uniform(5.0, 20.0)
         changes["guard.maximum_force"] = 2.0 * force if group.laws else 30.0
         if group.laws:
             changes |= {"controller": Tagged({}, group.law(number)), "reference.force": force}
             changes["station.environment.stiffness"] = float(10.0 ** rng.uniform(np.log10(6e3), np.log10(2e5)))
         sound = load_scenario(group.base, overrides=changes)
-        try:
-            build(sound)
-        except BadInputError:
-            if group.law(number) != "Approach":
-                raise
-            sound = None  # no guard could hold its first touch
+        if group.law(number) != "Approach" or _can_be_built(sound):
+            break
     if not with_fault:
         return sound, sound, None, 0.0
     period = sound.setting().workcell.period
