@@ -88,7 +88,6 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
     rotors = workcell.rotor_inertia if friction else np.zeros(workcell.num_joints)
     bandwidth, damping_ratio, delay = force_lag(config.sensors) if lag is None else lag
     sensor = None if lag else next((each for each in config.sensors.values() if hasattr(each, "force_lag")), None)
-    quantum = getattr(sensor, "quantum", 0.0)
     speeds = [getattr(sensor, "velocity_bandwidth", None) for sensor in config.sensors.values()]
     return PlantModel(
         size=len(contacts),
@@ -99,7 +98,8 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
         sensor_damping_ratio=damping_ratio,
         sensor_delay=delay,
         sensor_range=getattr(sensor, "range", np.inf),
-        sensor_noise=getattr(sensor, "noise_std", 0.0) > quantum / 4,
+        sensor_noise=getattr(sensor, "noise_std", 0.0),
+        sensor_quantum=getattr(sensor, "quantum", 0.0),
         pulls=not all(getattr(contact.environment, "one_sided", True) for contact in contacts),
         drive_compliance=workcell.drive_compliance,
         gap=np.array([contact.gap for contact in contacts]),

@@ -37,7 +37,8 @@ class PlantModel:
         sensor_damping_ratio: of that lag [1].
         sensor_delay: before that lag [s].
         sensor_range: largest force that can be measured [N]; infinite where it is not known.
-        sensor_noise: readings are noisy: those of a live sensor do not repeat themselves.
+        sensor_noise: standard deviation per tick, before that lag [N].
+        sensor_quantum: step of the readings, before that lag [N].
         pulls: surfaces may pull, so that forces below zero are true ones.
         drive_compliance: part of C_R between command and motors, shape (k,) or a number [m/N]; the positions of the
             motors show it.
@@ -64,7 +65,8 @@ class PlantModel:
     sensor_damping_ratio: float
     sensor_delay: float
     sensor_range: float = np.inf
-    sensor_noise: bool = False
+    sensor_noise: float = 0.0
+    sensor_quantum: float = 0.0
     pulls: bool = True
     drive_compliance: Array | float = 0.0
     gap: Array | float = 0.0

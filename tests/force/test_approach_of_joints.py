@@ -158,7 +158,7 @@ def test_a_wall_in_front_of_the_surface_ends_the_move() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("fidelity", "stiffness", "speed"), [("OneDimensional", 1e5, 0.029), ("Multibody", 1e4, 0.092)]
+    ("fidelity", "stiffness", "speed"), [("OneDimensional", 1e5, 0.030), ("Multibody", 1e4, 0.106)]
 )
 def test_the_guard_keeps_its_largest_force_at_the_first_touch(fidelity: str, stiffness: float, speed: float) -> None:
     base = scenario(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from forcectl.errors import BadInputError
 from forcectl.force.guard.first_touch import TURNS, touch_gain
 from forcectl.force.guard.guard import ControllerGuard
-from forcectl.force.guard.kernel import GuardLimits, estimate_of, largest_jump
+from forcectl.force.guard.kernel import GuardLimits, estimate_of, largest_jump, quiet_bandwidth
 from forcectl.force.guard.passes import passes
 from forcectl.force.guard.steps import DisplacementSteps, JointSteps
 from forcectl.force.kinematic_inversion import joint_direction
@@ -74,12 +74,14 @@ class GuardConfig(Config):
             index: of the loop.
         """
         period, range_ = model.period, min(model.sensor_range, _LARGEST)
-        lag, square, share = estimate_of(model.sensor_bandwidth, model.sensor_damping_ratio, period)
         compliance = float(np.min(model.total_compliance)) if model.size else math.inf
         force = _MEASURED * model.sensor_range if self.maximum_force is None else self.maximum_force
         own = float(model.total_compliance[index]) if model.size else math.inf
         settles = _SETTLES + model.sensor_lag
         ahead = 0.0 if self.maximum_force is None else self.reaction_time + model.sensor_delay
+        noise = math.hypot(model.sensor_noise, model.sensor_quantum / math.sqrt(12))
+        most = quiet_bandwidth(noise, force, ahead, period)
+        lag, square, share = estimate_of(model.sensor_bandwidth, model.sensor_damping_ratio, period, most)
         return GuardLimits(
             period=period,
             highest=range_ * 1.001,
@@ -94,7 +96,8 @@ class GuardConfig(Config):
             turn=min(ahead, TURNS + model.sensor_delay),
             settle_own=1.0 - math.exp(-period / (TURNS + model.sensor_delay)),
             keep_own=math.exp(-period / _EXPLAINED),
-            same=self.frozen_time / period if model.sensor_noise else math.inf,
+            # Readings of a noisy sensor do not repeat themselves, where the noise is not lost in its steps.
+            same=self.frozen_time / period if model.sensor_noise > model.sensor_quantum / 4 else math.inf,
             deeper=compliance * range_ * _DEEPER,
             compliance=own,
             gap=float(np.broadcast_to(model.gap, model.size)[index]) if model.size else 0.0,

@@ -17,8 +17,8 @@ from forcectl.plant.plant_model import PlantModel
 
 Array = NDArray[np.float64]
 
-# T [s]: the drives of the COMAU turn round after 0.026 to 0.038 s on 1e4 to 1e6 N/m, last on 1e4 N/m.
-TURNS = 0.038
+# T [s]: the drives of the COMAU turn round after 0.021 to 0.030 s on 1e4 to 1e6 N/m.
+TURNS = 0.030
 _STEP = 2e-4  # [s] in which the largest force is looked for
 
 

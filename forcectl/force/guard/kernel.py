@@ -4,12 +4,14 @@ A reading y is plausible within the range R of the sensor, and when the filter o
 
     |y| <= R,    |y[k] - 2 y[k-1] + y[k-2]| <= 4 R (w Ts)^2
 
-The true force is estimated ahead of the sensor's lag by its inverse up to a bandwidth a, and looked at T_r ahead::
+The true force is estimated ahead of a share b of the sensor's lag, by its inverse up to a bandwidth a, and looked at
+T_r ahead::
 
-    F = (s^2/w^2 + 2 z s/w + 1)/(s/a + 1)^2 y,    F_ahead = F + T_r (max(F', 0) - F'_x) + min(F_u, T_r F'_x)
+    F = (b^2 s^2/w^2 + 2 z b s/w + 1)/(s/a + 1)^2 y,    F_ahead = F + T_r (max(F', 0) - F'_x) + min(F_u, T_r F'_x)
 
-F'_x is what the way x of the command explains of the rate by the model's compliance C_T, and F_u what is still to be
-seen of that way: less than T_r F'_x where the command slows down. Nothing explains a surface that comes closer.
+F'_x is what the way x of the command explains of the rate by the model's compliance C_T, on a surface up to c times as
+stiff as the model's, and F_u what is still to be seen of that way: less than T_r F'_x where the command slows down.
+Nothing explains a surface that comes closer.
 
 The way x of the command, behind a lag T, is worth a force by the model's compliance C_T, from the surface x_0 on; the
 energy E that goes into the surface is forgotten with the time constant T_E::
@@ -41,7 +43,11 @@ APART = 2.0  # in place of RELEASED: the surface is not felt
 # and is to be fast.
 BLOCK = 8
 
-_AHEAD = 8.0  # bandwidth of the estimate, in bandwidths of the sensor
+_AHEAD = 32.0  # bandwidth of the estimate, in bandwidths of the sensor
+_FASTEST = 0.8  # bandwidth of the estimate, times a tick
+_MADE_UP = 0.8  # of the sensor's lag: with all of it, rises that a law ends by itself look like more than there will be
+_QUIET = 0.04  # standard deviation of a force looked at ahead, of the largest force
+STIFFER = 2.5  # c, by which the way of a command explains rates: more would explain surfaces that come closer, too
 TOGETHER = 10  # ticks after which readings that go together count again
 _NEAR = 3  # ticks missed after which a reading that goes on as before counts at once
 _TINY = 1e-9  # [m] of a distance
@@ -94,7 +100,7 @@ class GuardLimits(NamedTuple):
         jump: largest second difference of readings [N]; infinite without a filter.
         desired: largest plausible desired force [N].
         force: largest true force [N].
-        lag, square: 2 z a/w and a^2/w^2 of the estimate [1].
+        lag, square: 2 z b a/w and (b a/w)^2 of the estimate [1].
         share: of a tick in the estimate's filters [1]; 1 where the sensor has no lag.
         ahead: T_r [s].
         turn: of what the command's own way explains [s].
@@ -167,18 +173,39 @@ class Steps(Protocol):
         """`command` moved by `distance` [m] along the normals."""
 
 
-def estimate_of(bandwidth: float, damping_ratio: float, period: float) -> tuple[float, float, float]:
+def estimate_of(
+    bandwidth: float, damping_ratio: float, period: float, most: float = math.inf
+) -> tuple[float, float, float]:
     """(lag, square, share) of `GuardLimits` for a sensor.
 
     Args:
         bandwidth: w [rad/s].
         damping_ratio: z [1].
         period: Ts [s].
+        most: bandwidth a of the estimate [rad/s].
     """
-    ahead = _AHEAD * bandwidth
-    if ahead * period > 1.0:
+    ahead = min(_AHEAD, _FASTEST / (bandwidth * period), most / bandwidth)
+    if ahead < 1.0:
         return 0.0, 0.0, 1.0
-    return 2 * damping_ratio * _AHEAD, _AHEAD**2, 1.0 - math.exp(-ahead * period)
+    ticks = ahead * bandwidth * period
+    lead = _MADE_UP * ahead
+    return 2 * damping_ratio * lead, lead**2, ticks / (1.0 + ticks)  # of a filter that is 1/a late for a ramp
+
+
+def quiet_bandwidth(noise: float, force: float, ahead: float, period: float) -> float:
+    """Bandwidth a of the estimate [rad/s] at which the noise of a force looked at ahead stays small.
+
+    White noise of the readings behind T_r s/(s/a + 1)^3 has the standard deviation sigma T_r sqrt(a^3 Ts)/4.
+
+    Args:
+        noise: sigma, standard deviation per tick [N].
+        force: largest true force [N].
+        ahead: T_r [s].
+        period: Ts [s].
+    """
+    if noise * ahead == 0.0:
+        return math.inf
+    return float((4 * _QUIET * force / (noise * ahead * math.sqrt(period))) ** (2 / 3))
 
 
 def largest_jump(bandwidth: float, period: float, force: float) -> float:
@@ -263,8 +290,9 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
     aim = min(asked, _RELEASED * limits.force)
     # Of the command's own way, as far as the model explains the rate by it, what it is worth is still to be seen.
     before_shown, shown = shown, shown + limits.settle_own * (depth - shown)
-    own = max((before_shown - shown) / (limits.period * limits.compliance), limits.keep_own * own)
-    explained = min(own, max(rate, 0.0))
+    now = (before_shown - shown) / (limits.period * limits.compliance)
+    own = max(now, limits.keep_own * own)
+    explained = min(max(own, STIFFER * now), max(rate, 0.0))
     coming = estimate + limits.ahead * (max(rate, 0.0) - explained)
     unseen = max((shown - depth) / limits.compliance, limits.turn * explained)
     coming += min(unseen, limits.ahead * explained)

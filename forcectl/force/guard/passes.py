@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from forcectl.force.guard.kernel import FELT, TOGETHER, GuardLimits
+from forcectl.force.guard.kernel import FELT, STIFFER, TOGETHER, GuardLimits
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,8 @@ def _forces(limits: GuardLimits, measured: Array, command: Array) -> Array:
     shown, _ = lfilter(
         [limits.settle_own], [1.0, limits.settle_own - 1.0], before, zi=[(1 - limits.settle_own) * before[0]]
     )
-    own = _held(-np.diff(shown, prepend=shown[0]) / (limits.period * limits.compliance), limits.keep_own)
+    now = -np.diff(shown, prepend=shown[0]) / (limits.period * limits.compliance)
+    own = np.maximum(_held(now, limits.keep_own), STIFFER * now)
     explained = np.minimum(own, rises)
     unseen = np.maximum((shown - before) / limits.compliance, limits.turn * explained)
     found: Array = estimate + limits.ahead * (rises - explained) + np.minimum(unseen, limits.ahead * explained)

@@ -211,12 +211,13 @@ def test_a_sensor_that_shows_too_little_from_the_start_ends_in_a_stop(controller
     assert signal(run, "status")[-1] == STOP + 70
 
 
-def test_the_quick_rise_of_a_law_is_no_alarm():
-    """It comes to 0.9 of the largest force, and its rate to more than that in the reaction time."""
-    station = {"fidelity": "OneDimensional", "environment": {"stiffness": 2e5}}
-    run = outcome(
-        fc.force.VrftConfig(), 0.3, station=station, reference={"force": 9.0}, guard=GuardConfig(maximum_force=18.0)
-    )
+@pytest.mark.parametrize(
+    ("controller", "stiffness"), [(fc.force.VrftConfig(), 2e5), (fc.force.GovernedConfig(), 1.9e4)]
+)
+def test_the_quick_rise_of_a_law_is_no_alarm(controller, stiffness):
+    """It comes to 0.8 or 0.9 of the largest force, and its rate to more than that in the reaction time."""
+    station = {"fidelity": "OneDimensional", "environment": {"stiffness": stiffness}}
+    run = outcome(controller, 0.6, station=station, reference={"force": 9.0}, guard=GuardConfig(maximum_force=18.0))
     assert 14.0 < signal(run, "contact_force").max() < 18.0
     assert not signal(run, "status").any()
 
@@ -232,9 +233,9 @@ def test_what_the_way_is_worth_may_be_left_unasked():
     assert ends == [STOP + 70, 0]
 
 
-@pytest.mark.parametrize("maximum", [30.0, 20.0])
+@pytest.mark.parametrize("maximum", [30.0, 20.0, 12.0])
 def test_a_stiff_surface_that_comes_closer_is_left_in_time(maximum):
-    """Ten times as stiff as the model's, at 20 mm/s; by the retreat's speed alone it was 1.34 and 1.63 times."""
+    """Ten times as stiff as the model's, at 20 mm/s; 12 N were passed by 37 % with a slower estimate."""
     moves = [{"start": 0.8, "distance": 0.005, "duration": 0.25}]
     station = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e5, "surface": {"moves": moves}}}
     changes = {"reference": {"force": maximum / 2}, "model": {"environment_compliance": 10.0}}
@@ -258,14 +259,14 @@ def test_an_approach_that_no_retreat_can_turn_round_is_refused():
     law = fc.force.ApproachConfig(speed=0.05)
     with pytest.raises(
         BadInputError,
-        match=r"controller.speed = 0.05 m/s: the first touch comes to 51.5 N on 1e.05 N/m.* at most 0.0194",
+        match=r"controller.speed = 0.05 m/s: the first touch comes to 49.5 N on 1e.05 N/m.* at most 0.0202",
     ):
         build(load_scenario(base | {"controller": law, "guard": {"maximum_force": 20.0}}))
     build(load_scenario(base | {"controller": law, "guard": {"maximum_force": 52.0}}))
 
 
 @pytest.mark.parametrize(
-    ("fidelity", "stiffness", "speed"), [("OneDimensional", 1e5, 0.029), ("Multibody", 1e4, 0.092)]
+    ("fidelity", "stiffness", "speed"), [("OneDimensional", 1e5, 0.030), ("Multibody", 1e4, 0.106)]
 )
 def test_at_the_largest_speed_that_is_admitted_the_first_touch_stays_below_the_largest_force(
     fidelity, stiffness, speed
