@@ -1,6 +1,7 @@
 """The tick of the guard, in plain numbers: what it makes of readings and command, and of its memory.
 
-A reading y is plausible within the range R of the sensor, and when the filter of the sensor can show it::
+A reading y is plausible within the range R of the sensor, where what is estimated of it is no pull of a surface that
+cannot pull, and when the filter of the sensor can show it::
 
     |y| <= R,    |y[k] - 2 y[k-1] + y[k-2]| <= 4 R (w Ts)^2
 
@@ -255,7 +256,8 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
         fits, before, together = True, measured - (measured - good) / n, 0.0
     elif plausible and same == 0.0 and abs(measured - 2 * raw + raw_before) <= limits.jump:
         together += 1.0
-        fits = together >= TOGETHER
+        # A pull of a surface that cannot pull is not believed of a sensor that shows another force at once.
+        fits = together >= TOGETHER and (measured >= -_SENSED or limits.losses == math.inf)
         if fits:
             before, together = raw, 0.0
             # Of a sensor that shows another force at once nothing is known any more but what it showed before.
@@ -307,7 +309,7 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
         fault = Cause.FROZEN
     elif asked > 0.0 and worth > limits.force and good < limits.response * worth:
         fault = Cause.RESPONSE
-    elif missed:
+    elif missed or estimate < limits.lowest:
         fault = Cause.READING
     elif unasked:
         fault = Cause.REFERENCE

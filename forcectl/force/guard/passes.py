@@ -34,15 +34,15 @@ def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: A
         and np.abs(desired).max() <= limits.desired
         and limits.lowest <= measured.min()
         and measured.max() <= limits.highest
-        and _forces(limits, measured, command).max() <= sure * limits.force
+        and _forces_pass(limits, measured, command)
         and not _frozen(limits, measured, command)
         and not _lost(limits, desired, measured, command)
         and _answers(limits, desired, measured, command)
     )
 
 
-def _forces(limits: GuardLimits, measured: Array, command: Array) -> Array:
-    """The estimated true forces, looked at ahead."""
+def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
+    """Whether the estimated true forces are plausible and, looked at ahead, small enough."""
     share, first = limits.share, measured[0]
     if share < 1.0:
         one, _ = lfilter([share], [1.0, share - 1.0], measured, zi=[(1.0 - share) * first])
@@ -60,8 +60,9 @@ def _forces(limits: GuardLimits, measured: Array, command: Array) -> Array:
     own = np.maximum(_held(now, limits.keep_own), STIFFER * now)
     explained = np.minimum(own, rises)
     unseen = np.maximum((shown - before) / limits.compliance, limits.turn * explained)
-    found: Array = estimate + limits.ahead * (rises - explained) + np.minimum(unseen, limits.ahead * explained)
-    return found
+    coming = estimate + limits.ahead * (rises - explained) + np.minimum(unseen, limits.ahead * explained)
+    sure = 1.0 - _ROUNDING
+    return bool(coming.max() <= sure * limits.force and sure * limits.lowest <= estimate.min())
 
 
 def _held(values: Array, keep: float) -> Array:

@@ -126,6 +126,19 @@ def test_a_wrong_sign_ends_in_a_stop():
     assert signal(run, "status")[-1] == STOP + 10
 
 
+@pytest.mark.parametrize(("approaches", "start"), [(False, 0.8), (True, 0.02)])
+def test_a_wrong_sign_of_a_force_below_two_percent_of_the_range_is_found(approaches, start):
+    """A reading of -8 N is one that tool and electronics can show, but not where it was 8 N, nor where it falls on."""
+    law = fc.force.IntegralConfig(integral_gain=3.0)
+    faulty = WristForceConfig(faults=[ForceFaultConfig(kind="scale", value=-1.0, start=start)])
+    surface = {"stiffness": 2.5e4, "surface": {"gap": 0.002 * approaches}}
+    station = {"fidelity": "OneDimensional", "environment": surface, "sensors": {"force": faulty}}
+    controller = fc.force.ApproachConfig(law=law, speed=0.01) if approaches else law
+    run = outcome(controller, 1.5, station=station, reference={"force": 8.0}, guard=GuardConfig(maximum_force=16.0))
+    assert 7.0 < signal(run, "contact_force").max() < 1.2 * 16.0
+    assert signal(run, "status")[-1] == STOP + 10
+
+
 def test_a_spring_that_pulls_is_never_lost():
     """An unstable loop, in which the command goes 10 mm beyond where the force was last above zero."""
     linear = {"fidelity": "OneDimensional", "environment": {"stiffness": 5.9e3, "one_sided": False}}
