@@ -46,7 +46,7 @@ class ControllerGuard(PythonBlock):
     command: shape (m,), of the controller [m or rad]. command_rate: shape (m,), its speed [m/s or rad/s], where it
     gives one.
     estimated_wrench: shape (6a,), of the environment on each arm, [torque; force] [Nm, N]; where there are arms.
-    forces: shape (27k,), guarded desired forces (k,), guarded readings (k,), what the tick makes of the readings [N].
+    forces: shape (28k,), guarded desired forces (k,), guarded readings (k,), what the tick makes of the readings [N].
     Feedthrough of desired_force and measured_force.
     guarded: shape (2m + 9,), guarded command (m,), status, what the block remembers of the tick [m or rad]; with a
     command_rate the guarded one (m,) is behind it. Feedthrough of all inputs.

@@ -34,9 +34,9 @@ Numbers = list[float]
 # those begin, desired force, ticks without one, two states of the estimate, the estimate, its rate, depth of the
 # command at the last contact, whether it is in contact, losses of it; the depth behind a lag, the depth x_0 from which
 # on it is worth a force, the energy, how far a retreat is to be fast; the depth behind the lag of the estimate,
-# the rate that it explains.
+# the rate that it explains; whether the force was about to be too large before.
 _NEVER = -1e6  # [m] depth of a contact that there was not, and x_0 of a sensor that has shown that it answers
-NEW_LOOP: Numbers = [*[0.0] * 16, _NEVER, *[0.0] * 8]
+NEW_LOOP: Numbers = [*[0.0] * 16, _NEVER, *[0.0] * 9]
 LOOP = len(NEW_LOOP)
 FAULT, RELEASED, READING, DESIRED, FAST = 0, 1, 2, 10, 22  # places in it
 APART = 2.0  # in place of RELEASED: the surface is not felt
@@ -56,6 +56,7 @@ FELT = 0.05  # of the desired force, below which a surface is not felt
 _MADE = 0.25  # of the desired force, above which a contact is made that can be lost
 _RECOVERY = 0.1  # of a tick held, that a sound tick makes up for
 _SENSED = 0.5  # [N] below which a reading does not show that a sensor answers
+_WARY = 0.9  # of the largest force, that counts for it once it was about to be passed
 _RELEASED = 0.8  # of the largest force, at which a retreat may end
 _CREEP = 0.1  # of the retreat's speed, at which a surface is looked for after it
 _LEAP = 12.0  # of the force that is coming
@@ -232,7 +233,7 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
         depth: displacement of the command of the tick before, pressing is negative [m].
     """
     _, _, good, before, missed, raw, raw_before, together, same, anchor, asked, unasked = loop[:12]
-    one, two, estimate, rate, felt, touches, losses, slow, zero, energy, _, shown, own = loop[12:]
+    one, two, estimate, rate, felt, touches, losses, slow, zero, energy, _, shown, own, wary = loop[12:]
     if -limits.desired <= desired <= limits.desired:
         asked, unasked = desired, 0.0
     else:
@@ -298,9 +299,9 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
     coming = estimate + limits.ahead * (max(rate, 0.0) - explained)
     unseen = max((shown - depth) / limits.compliance, limits.turn * explained)
     coming += min(unseen, limits.ahead * explained)
-    if coming > limits.force:
+    if coming > (_WARY if wary else 1.0) * limits.force:
         fast = limits.compliance * min(estimate - aim + _LEAP * limits.ahead * max(rate, 0.0), _MOST * limits.force)
-        fault = Cause.FORCE
+        fault, wary = Cause.FORCE, 1.0
     elif losses > limits.losses or (good < FELT * asked and felt - depth > limits.search):
         fault = Cause.CONTACT
     elif energy > limits.energy:
@@ -317,7 +318,7 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
     if estimate < FELT * asked:
         released = APART
     new = [fault, released, good, before, missed, measured, raw, together, same, anchor, asked, unasked]
-    return [*new, one, two, estimate, rate, felt, touches, losses, slow, zero, energy, fast, shown, own]
+    return [*new, one, two, estimate, rate, felt, touches, losses, slow, zero, energy, fast, shown, own, wary]
 
 
 def decide(
