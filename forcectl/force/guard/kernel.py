@@ -44,8 +44,8 @@ APART = 2.0  # in place of RELEASED: the surface is not felt
 # and is to be fast.
 BLOCK = 8
 
-_AHEAD = 32.0  # bandwidth of the estimate, in bandwidths of the sensor
-_FASTEST = 0.8  # bandwidth of the estimate, times a tick
+_AHEAD = 32.0  # largest bandwidth of the estimate, in bandwidths of the sensor
+_FASTEST = 0.8  # largest bandwidth of the estimate, times a tick
 _MADE_UP = 0.8  # of the sensor's lag: with all of it, rises that a law ends by itself look like more than there will be
 _QUIET = 0.04  # standard deviation of a force looked at ahead, of the largest force
 STIFFER = 2.5  # c, by which the way of a command explains rates: more would explain surfaces that come closer, too
@@ -184,7 +184,7 @@ def estimate_of(
         bandwidth: w [rad/s].
         damping_ratio: z [1].
         period: Ts [s].
-        most: bandwidth a of the estimate [rad/s].
+        most: largest bandwidth a of the estimate, see `quiet_bandwidth` [rad/s].
     """
     ahead = min(_AHEAD, _FASTEST / (bandwidth * period), most / bandwidth)
     if ahead < 1.0:

@@ -11,6 +11,7 @@ from forcectl.force.guard.kernel import FELT, STIFFER, TOGETHER, GuardLimits
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of a limit, within which this gives no answer of its own
+_SURE = 1.0 - _ROUNDING
 
 
 def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: Array, command: Array) -> bool:
@@ -23,14 +24,13 @@ def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: A
         measured: force (k,) [N].
         command: displacement, pressing is negative (k,) [m].
     """
-    sure = 1.0 - _ROUNDING
     if not (np.isfinite(desired).all() and np.isfinite(measured).all() and np.isfinite(command).all()):
         return False
     steps = np.abs(np.diff(command, prepend=0.0)).max(initial=0.0)
     bends = np.abs(np.diff(measured, 2, prepend=[measured[0]] * 2)).max()
     return bool(
-        steps <= sure * largest_step
-        and bends <= sure * limits.jump
+        steps <= _SURE * largest_step
+        and bends <= _SURE * limits.jump
         and np.abs(desired).max() <= limits.desired
         and limits.lowest <= measured.min()
         and measured.max() <= limits.highest
@@ -61,8 +61,7 @@ def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
     explained = np.minimum(own, rises)
     unseen = np.maximum((shown - before) / limits.compliance, limits.turn * explained)
     coming = estimate + limits.ahead * (rises - explained) + np.minimum(unseen, limits.ahead * explained)
-    sure = 1.0 - _ROUNDING
-    return bool(coming.max() <= sure * limits.force and sure * limits.lowest <= estimate.min())
+    return bool(coming.max() <= _SURE * limits.force and _SURE * limits.lowest <= estimate.min())
 
 
 def _held(values: Array, keep: float) -> Array:
@@ -95,7 +94,7 @@ def _lost(limits: GuardLimits, desired: Array, measured: Array, command: Array) 
     asks, feels = desired > 0.0, measured > FELT * desired
     losses = np.count_nonzero(feels[asks][:-1] & ~feels[asks][1:])
     last = np.maximum.accumulate(np.where(feels & asks, tick, -1))
-    too_far = (last >= 0) & ~feels & (before[last] - before > limits.search * (1.0 - _ROUNDING))
+    too_far = (last >= 0) & ~feels & (before[last] - before > limits.search * _SURE)
     return bool(losses > limits.losses or too_far.any())
 
 
@@ -104,7 +103,7 @@ def _answers(limits: GuardLimits, desired: Array, measured: Array, command: Arra
     before = _before(command)
     slow, _ = lfilter([limits.settle], [1.0, limits.settle - 1.0], before, zi=[(1.0 - limits.settle) * before[0]])
     worth = (-limits.gap - slow) / limits.compliance
-    silent = (worth > limits.force * (1.0 - _ROUNDING)) & (measured < limits.response * worth * (1.0 + _ROUNDING))
+    silent = (worth > limits.force * _SURE) & (measured < limits.response * worth * (1.0 + _ROUNDING))
     gone_in = np.maximum(-measured * np.diff(slow, prepend=slow[0]), 0.0)
     energy = lfilter([1.0], [1.0, -limits.keep], gone_in)
-    return bool(not (silent & (desired > 0.0)).any() and energy.max() <= limits.energy * (1.0 - _ROUNDING))
+    return bool(not (silent & (desired > 0.0)).any() and energy.max() <= limits.energy * _SURE)
