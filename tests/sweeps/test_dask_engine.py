@@ -84,7 +84,9 @@ def test_the_death_of_all_workers_costs_the_trials_at_work_only(cluster, tmp_pat
     wait_until(lambda: rows(out) >= 1)
     os.kill(at_work, signal.SIGKILL)
     told, errors = process.communicate(timeout=120)
-    assert (process.returncode, told.splitlines()[0], errors) == (0, "8 done", "")
+    # A sweep says every 30 s how far it is: on a machine with other work this one takes longer than that.
+    others = [line for line in errors.splitlines() if not line.endswith(" of 8 trials")]
+    assert (process.returncode, told.splitlines()[0], others) == (0, "8 done", [])
 
 
 def test_a_scheduler_that_is_killed_stops_the_sweep_with_a_message(cluster, tmp_path):
