@@ -50,6 +50,7 @@ _MADE_UP = 0.8  # of the sensor's lag: with all of it, rises that a law ends by 
 _QUIET = 0.04  # standard deviation of a force looked at ahead, of the largest force
 STIFFER = 2.5  # c, by which the way of a command explains rates: more would explain surfaces that come closer, too
 TOGETHER = 10  # ticks after which readings that go together count again
+_JUMPED = -1.0  # in place of them, after a jump that the filter of a sensor which worked cannot show
 _NEAR = 3  # ticks missed after which a reading that goes on as before counts at once
 _TINY = 1e-9  # [m] of a distance
 FELT = 0.05  # of the desired force, below which a surface is not felt
@@ -253,6 +254,9 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
             before = one = two = estimate = measured
     elif plausible and not missed and abs(measured - 2 * good + before) <= limits.jump:
         fits, before = True, good
+    elif plausible and together < 0.0 and abs(measured - raw) <= abs(good - before) + limits.jump:
+        # A sensor that worked, went over to another force at once, as no filter does, and stays there.
+        fits = False
     elif plausible and same == 0.0 and n <= _NEAR and abs(measured - good - n * (good - before)) <= n * n * limits.jump:
         fits, before, together = True, measured - (measured - good) / n, 0.0
     elif plausible and same == 0.0 and abs(measured - 2 * raw + raw_before) <= limits.jump:
@@ -261,10 +265,13 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
         fits = together >= TOGETHER and (measured >= -_SENSED or limits.losses == math.inf)
         if fits:
             before, together = raw, 0.0
+            one = two = estimate = measured  # a step to it would look like a rate
+            rate = 0.0
             # Of a sensor that shows another force at once nothing is known any more but what it showed before.
             zero = slow + limits.compliance * good
     else:
-        together, fits = 0.0, False
+        # From readings that were none, or repeated themselves, a sensor may go over to another force at once.
+        together, fits = _JUMPED if plausible and not missed and raw != raw_before else 0.0, False
     if fits:
         good, missed = measured, 0.0
         last = estimate

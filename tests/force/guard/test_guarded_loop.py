@@ -28,7 +28,7 @@ from tests.examples.block_examples_stations import two_tables
 VRFT = {"proportional_gain": -1.446e-05, "integral_gain": -2.951e-05, "derivative_gain": 1.388e-08}
 INTEGRAL, ADAPTIVE = fc.force.IntegralConfig(), fc.force.AdaptiveIntegralConfig()
 INVARIANCE = fc.force.InvarianceConfig()
-HOLD, RETREAT, STOP = 100, 300, 400
+HOLD, SLOW, RETREAT, STOP = 100, 200, 300, 400
 
 
 def outcome(controller: Any, duration: float, faults: Any = (), **changed: Any) -> VariantOutcome:
@@ -124,6 +124,25 @@ def test_a_wrong_sign_ends_in_a_stop():
     run = outcome(fc.force.IntegralConfig(integral_gain=3.0), 1.5, [{"kind": "scale", "value": -1.0, "start": 0.1}])
     assert signal(run, "contact_force").max() < 30
     assert signal(run, "status")[-1] == STOP + 10
+
+
+@pytest.mark.parametrize("scale", [0.3, 0.85, 1.4])
+@pytest.mark.parametrize("controller", [INTEGRAL, fc.force.VrftConfig(**VRFT), INVARIANCE])
+def test_a_sensor_that_goes_over_to_another_force_ends_in_a_stop(controller, scale):
+    """No filter shows a jump, whatever is read after it. A law with an integral would go on to 50, 17.6 or 10.7 N."""
+    run = outcome(controller, 1.9, [{"kind": "scale", "value": scale, "start": 1.0}])
+    assert signal(run, "contact_force").max() < 1.05 * 15.0
+    assert signal(run, "contact_force")[-1] == 0
+    assert signal(run, "status")[-1] == STOP + 10
+
+
+@pytest.mark.parametrize(("kind", "value"), [("scale", 0.5), ("value", 0.0), ("nan", 0.0)])
+def test_a_sensor_that_comes_back_is_believed_again(kind, value):
+    run = outcome(INTEGRAL, 1.6, [{"kind": kind, "value": value, "start": 1.0, "duration": 0.08}])
+    sound = outcome(INTEGRAL, 1.6)
+    assert {HOLD + 10.0} <= set(signal(run, "status")) <= {0.0, HOLD + 10.0, SLOW + 10.0}
+    assert signal(run, "status")[-1] == 0.0
+    assert abs(signal(run, "contact_force") - signal(sound, "contact_force")).max() < 0.5
 
 
 @pytest.mark.parametrize(("approaches", "start"), [(False, 0.8), (True, 0.02)])
