@@ -44,10 +44,6 @@ APART = 2.0  # in place of RELEASED: the surface is not felt
 # and is to be fast.
 BLOCK = 8
 
-_AHEAD = 32.0  # largest bandwidth of the estimate, in bandwidths of the sensor
-_FASTEST = 0.8  # largest bandwidth of the estimate, times a tick
-_MADE_UP = 0.8  # of the sensor's lag: with all of it, rises that a law ends by itself look like more than there will be
-_QUIET = 0.04  # standard deviation of a force looked at ahead, of the largest force
 STIFFER = 2.5  # c, by which the way of a command explains rates: more would explain surfaces that come closer, too
 TOGETHER = 10  # ticks after which readings that go together count again
 _JUMPED = -1.0  # in place of them, after a jump that the filter of a sensor which worked cannot show
@@ -176,52 +172,6 @@ class Steps(Protocol):
         """`command` moved by `distance` [m] along the normals."""
 
 
-def estimate_of(
-    bandwidth: float, damping_ratio: float, period: float, most: float = math.inf
-) -> tuple[float, float, float]:
-    """(lag, square, share) of `GuardLimits` for a sensor.
-
-    Args:
-        bandwidth: w [rad/s].
-        damping_ratio: z [1].
-        period: Ts [s].
-        most: largest bandwidth a of the estimate, see `quiet_bandwidth` [rad/s].
-    """
-    ahead = min(_AHEAD, _FASTEST / (bandwidth * period), most / bandwidth)
-    if ahead < 1.0:
-        return 0.0, 0.0, 1.0
-    ticks = ahead * bandwidth * period
-    lead = _MADE_UP * ahead
-    return 2 * damping_ratio * lead, lead**2, ticks / (1.0 + ticks)  # of a filter that is 1/a late for a ramp
-
-
-def quiet_bandwidth(noise: float, force: float, ahead: float, period: float) -> float:
-    """Bandwidth a of the estimate [rad/s] at which the noise of a force looked at ahead stays small.
-
-    White noise of the readings behind T_r s/(s/a + 1)^3 has the standard deviation sigma T_r sqrt(a^3 Ts)/4.
-
-    Args:
-        noise: sigma, standard deviation per tick [N].
-        force: largest true force [N].
-        ahead: T_r [s].
-        period: Ts [s].
-    """
-    if noise * ahead == 0.0:
-        return math.inf
-    return float((4 * _QUIET * force / (noise * ahead * math.sqrt(period))) ** (2 / 3))
-
-
-def largest_jump(bandwidth: float, period: float, force: float) -> float:
-    """Largest second difference of readings [N] that the filter of a sensor can show.
-
-    Args:
-        bandwidth: w [rad/s].
-        period: Ts [s].
-        force: R [N].
-    """
-    return 4.0 * force * (bandwidth * period) ** 2 if bandwidth * period < 0.5 else math.inf
-
-
 def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measured: float, depth: float) -> Numbers:
     """The memory of a loop after its readings at a tick.
 
@@ -240,12 +190,13 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
     else:
         unasked += 1.0
     plausible = limits.lowest <= measured <= limits.highest
+    repeated = same
     if measured == raw and not first:
         same += 1.0
     else:
         same, anchor = 0.0, depth
     slow_before, slow = slow, slow + limits.settle * (depth - slow)
-    n = missed + 1.0
+    n, ticks = missed + 1.0, 1
     if first:
         slow_before = slow = shown = depth
         zero = -limits.gap
@@ -254,11 +205,16 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
             before = one = two = estimate = measured
     elif plausible and not missed and abs(measured - 2 * good + before) <= limits.jump:
         fits, before = True, good
+        # A reading that repeats the last one tells nothing, unless it goes on doing so: the estimate waits.
+        if same <= TOGETHER:
+            ticks = 0 if same else 1 + int(repeated) * (repeated <= TOGETHER)
+        elif same == TOGETHER + 1:
+            ticks = int(same)
     elif plausible and together < 0.0 and abs(measured - raw) <= abs(good - before) + limits.jump:
         # A sensor that worked, went over to another force at once, as no filter does, and stays there.
         fits = False
     elif plausible and same == 0.0 and n <= _NEAR and abs(measured - good - n * (good - before)) <= n * n * limits.jump:
-        fits, before, together = True, measured - (measured - good) / n, 0.0
+        fits, before, together, ticks = True, measured - (measured - good) / n, 0.0, int(n)
     elif plausible and same == 0.0 and abs(measured - 2 * raw + raw_before) <= limits.jump:
         together += 1.0
         # A pull of a surface that cannot pull is not believed of a sensor that shows another force at once.
@@ -273,16 +229,10 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
         # From readings that were none, or repeated themselves, a sensor may go over to another force at once.
         together, fits = _JUMPED if plausible and not missed and raw != raw_before else 0.0, False
     if fits:
+        for left in range(ticks - 1, -1, -1):
+            reading = measured - (measured - good) * left / ticks
+            one, two, estimate, rate = _estimated(limits, reading, one, two, estimate, rate)
         good, missed = measured, 0.0
-        last = estimate
-        if limits.share < 1.0:
-            one += limits.share * (good - one)
-            two += limits.share * (one - two)
-            estimate = two + limits.lag * (one - two) + limits.square * (good - 2 * one + two)
-            rate += limits.share * ((estimate - last) / limits.period - rate)
-        else:
-            estimate = good
-            rate += 0.1 * ((estimate - last) / limits.period - rate)
         if asked > 0.0:
             if good > FELT * asked:
                 felt = depth
@@ -326,6 +276,19 @@ def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measur
         released = APART
     new = [fault, released, good, before, missed, measured, raw, together, same, anchor, asked, unasked]
     return [*new, one, two, estimate, rate, felt, touches, losses, slow, zero, energy, fast, shown, own, wary]
+
+
+def _estimated(limits: GuardLimits, reading: float, one: float, two: float, last: float, rate: float) -> Numbers:
+    """Both states of the estimate, the estimate and its rate after a reading."""
+    if limits.share < 1.0:
+        one += limits.share * (reading - one)
+        two += limits.share * (one - two)
+        estimate = two + limits.lag * (one - two) + limits.square * (reading - 2 * one + two)
+        rate += limits.share * ((estimate - last) / limits.period - rate)
+    else:
+        estimate = reading
+        rate += 0.1 * ((estimate - last) / limits.period - rate)
+    return [one, two, estimate, rate]
 
 
 def decide(

@@ -44,6 +44,7 @@ def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: A
 def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
     """Whether the estimated true forces are plausible and, looked at ahead, small enough."""
     share, first = limits.share, measured[0]
+    measured, known = _between_new(measured)
     if share < 1.0:
         one, _ = lfilter([share], [1.0, share - 1.0], measured, zi=[(1.0 - share) * first])
         two, _ = lfilter([share], [1.0, share - 1.0], one, zi=[(1.0 - share) * first])
@@ -52,7 +53,8 @@ def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
     else:
         estimate, weight = measured, 0.1
     rates = lfilter([weight], [1.0, weight - 1.0], np.diff(estimate, prepend=first) / limits.period)
-    before, rises = _before(command), np.maximum(rates, 0.0)
+    estimate, rises = estimate[known], np.maximum(rates[known], 0.0)
+    before = _before(command)
     shown, _ = lfilter(
         [limits.settle_own], [1.0, limits.settle_own - 1.0], before, zi=[(1 - limits.settle_own) * before[0]]
     )
@@ -62,6 +64,17 @@ def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
     unseen = np.maximum((shown - before) / limits.compliance, limits.turn * explained)
     coming = estimate + limits.ahead * (rises - explained) + np.minimum(unseen, limits.ahead * explained)
     return bool(coming.max() <= _SURE * limits.force and _SURE * limits.lowest <= estimate.min())
+
+
+def _between_new(measured: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Readings, those that repeat the last one on the way to the next; and at each tick, the last one that is known."""
+    tick, new = np.arange(len(measured)), np.diff(measured, prepend=np.nan) != 0.0
+    run = np.cumsum(new) - 1
+    goes_on = np.bincount(run)[run] - 1 > TOGETHER
+    points = new | goes_on
+    start = np.maximum.accumulate(np.where(new, tick, 0))
+    known = np.where(tick - start > TOGETHER, tick, start)
+    return np.interp(tick, tick[points], measured[points]), known
 
 
 def _held(values: Array, keep: float) -> Array:

@@ -89,7 +89,8 @@ def test_a_sound_run_is_the_same_bit_for_bit_without_the_guard(controller):
 @pytest.mark.parametrize(("kind", "value"), [("inf", 0.0), ("value", -3e5), ("value", 250.0), ("nan", 0.0)])
 def test_one_bad_reading_is_passed_over(controller, kind, value):
     fault = {"kind": kind, "value": value, "start": 0.2, "duration": 0.002}
-    run, sound = outcome(controller, 0.4, [fault]), outcome(controller, 0.4)
+    guard = GuardConfig(maximum_force=25.0)
+    run, sound = outcome(controller, 0.4, [fault], guard=guard), outcome(controller, 0.4, guard=guard)
     assert run.failure is None
     assert np.abs(np.diff(signal(run, "displacement_command"))).max() < 1e-4
     assert abs(signal(run, "contact_force") - signal(sound, "contact_force")).max() < 0.2
@@ -143,6 +144,14 @@ def test_a_sensor_that_comes_back_is_believed_again(kind, value):
     assert {HOLD + 10.0} <= set(signal(run, "status")) <= {0.0, HOLD + 10.0, SLOW + 10.0}
     assert signal(run, "status")[-1] == 0.0
     assert abs(signal(run, "contact_force") - signal(sound, "contact_force")).max() < 0.5
+
+
+@pytest.mark.parametrize("controller", [INTEGRAL, ADAPTIVE, fc.force.VrftConfig(**VRFT)])
+def test_a_sensor_that_is_read_twice_as_often_as_it_measures_is_no_alarm(controller):
+    """Every other reading is the last one again: as steps these rises would look like 40 N to come."""
+    run = outcome(controller, 1.0, [{"kind": "lost", "start": 0.0}], guard=GuardConfig(maximum_force=25.0))
+    assert signal(run, "contact_force")[-1] > 10.0
+    assert not signal(run, "status").any()
 
 
 @pytest.mark.parametrize(("approaches", "start"), [(False, 0.8), (True, 0.02)])

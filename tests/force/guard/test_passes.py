@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from forcectl.force.guard.kernel import FAULT, NEW_LOOP, GuardLimits, estimate_of, largest_jump, read
+from forcectl.force.guard.estimate import estimate_of, largest_jump
+from forcectl.force.guard.kernel import FAULT, NEW_LOOP, GuardLimits, read
 from forcectl.force.guard.passes import passes
 
 PERIOD, RANGE, STEP, TICKS = 0.002, 50.0, 0.004, 600
@@ -63,7 +64,7 @@ def some_run(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarr
     command = -5e-5 * lfilter([0.02], [1.0, -0.98], desired)
     begin = int(rng.integers(0, TICKS - 20))
     part = slice(begin, begin + int(rng.integers(1, 300)))
-    wrong, size = rng.integers(0, 9), 10.0 ** rng.uniform(-3, 0)
+    wrong, size = rng.integers(0, 10), 10.0 ** rng.uniform(-3, 0)
     if wrong == 1:
         measured[begin] += rng.choice([np.nan, np.inf, 100.0 * size, -100.0 * size])
     elif wrong == 2:
@@ -80,6 +81,9 @@ def some_run(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarr
         measured *= np.where(np.sin(np.arange(TICKS) * 0.3 * size) > 0.0, 1.0, 0.01)
     elif wrong == 7:
         desired[begin] = rng.choice([np.nan, 1e308, 49.0])
+    elif wrong == 9:
+        lost = int(rng.integers(2, 16))
+        measured[part] = np.repeat(measured[part][::lost], lost)[: len(measured[part])]
     elif wrong == 8:
         measured[begin:] *= 0.01
         command[begin:] -= 0.03 * size * np.linspace(0.0, 1.0, TICKS - begin)

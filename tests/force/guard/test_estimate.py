@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import bilinear_zpk, lfilter, zpk2tf
 
-from forcectl.force.guard.kernel import estimate_of, quiet_bandwidth
+from forcectl.force.guard.estimate import estimate_of, quiet_bandwidth
 
 PERIOD = 0.002
 

@@ -1,0 +1,56 @@
+"""How fast the true force behind the lag of its sensor may be estimated, and what its readings can show."""
+
+from __future__ import annotations
+
+import math
+
+_AHEAD = 32.0  # largest bandwidth of the estimate, in bandwidths of the sensor
+_FASTEST = 0.8  # largest bandwidth of the estimate, times a tick
+_MADE_UP = 0.8  # of the sensor's lag: with all of it, rises that a law ends by itself look like more than there will be
+_QUIET = 0.04  # standard deviation of a force looked at ahead, of the largest force
+
+
+def estimate_of(
+    bandwidth: float, damping_ratio: float, period: float, most: float = math.inf
+) -> tuple[float, float, float]:
+    """(lag, square, share) of `GuardLimits` for a sensor.
+
+    Args:
+        bandwidth: w [rad/s].
+        damping_ratio: z [1].
+        period: Ts [s].
+        most: largest bandwidth a of the estimate, see `quiet_bandwidth` [rad/s].
+    """
+    ahead = min(_AHEAD, _FASTEST / (bandwidth * period), most / bandwidth)
+    if ahead < 1.0:
+        return 0.0, 0.0, 1.0
+    ticks = ahead * bandwidth * period
+    lead = _MADE_UP * ahead
+    return 2 * damping_ratio * lead, lead**2, ticks / (1.0 + ticks)  # of a filter that is 1/a late for a ramp
+
+
+def quiet_bandwidth(noise: float, force: float, ahead: float, period: float) -> float:
+    """Bandwidth a of the estimate [rad/s] at which the noise of a force looked at ahead stays small.
+
+    White noise of the readings behind T_r s/(s/a + 1)^3 has the standard deviation sigma T_r sqrt(a^3 Ts)/4.
+
+    Args:
+        noise: sigma, standard deviation per tick [N].
+        force: largest true force [N].
+        ahead: T_r [s].
+        period: Ts [s].
+    """
+    if noise * ahead == 0.0:
+        return math.inf
+    return float((4 * _QUIET * force / (noise * ahead * math.sqrt(period))) ** (2 / 3))
+
+
+def largest_jump(bandwidth: float, period: float, force: float) -> float:
+    """Largest second difference of readings [N] that the filter of a sensor can show.
+
+    Args:
+        bandwidth: w [rad/s].
+        period: Ts [s].
+        force: R [N].
+    """
+    return 4.0 * force * (bandwidth * period) ** 2 if bandwidth * period < 0.5 else math.inf
