@@ -89,7 +89,7 @@ def test_a_sound_run_is_the_same_bit_for_bit_without_the_guard(controller):
 @pytest.mark.parametrize(("kind", "value"), [("inf", 0.0), ("value", -3e5), ("value", 250.0), ("nan", 0.0)])
 def test_one_bad_reading_is_passed_over(controller, kind, value):
     fault = {"kind": kind, "value": value, "start": 0.2, "duration": 0.002}
-    guard = GuardConfig(maximum_force=25.0)
+    guard = GuardConfig(maximum_force=40.0)
     run, sound = outcome(controller, 0.4, [fault], guard=guard), outcome(controller, 0.4, guard=guard)
     assert run.failure is None
     assert np.abs(np.diff(signal(run, "displacement_command"))).max() < 1e-4
