@@ -52,7 +52,7 @@ class Imports:
             raise invalid(key, path, _STANDARD)
         if not self._allows(module):
             top = module.partition(".")[0]
-            if PathFinder.find_spec(top, [*sys.path, *map(str, self._folders())]) is None:
+            if PathFinder.find_spec(top, self._path()) is None:
                 raise BadInputError(f" = {show(path)}: must be importable, but: No module named {top!r}", key=key)
             raise invalid(key, path, self._allowed_words(module))
         return str(module)
@@ -88,7 +88,7 @@ class Imports:
         return self.every or named or top in (_OWN, *announcing()) or self._beside(top)
 
     def _beside(self, top: str) -> bool:
-        """Whether a module is beside the scenario, and would be found there."""
+        """Whether a module is beside the scenario, and is what an import would find."""
         invalidate_caches()  # a module that was written this moment
         if self.folder is None or (spec := PathFinder.find_spec(top, [str(self.folder.resolve())])) is None:
             return False
@@ -96,15 +96,16 @@ class Imports:
         if (loaded := sys.modules.get(top)) is not None and _beside.get(top) != self._home():
             spec = getattr(loaded, "__spec__", None)
             return top in _beside or (spec is not None and _files(spec) == files)
-        installed = PathFinder.find_spec(top, sys.path)
-        return installed is None or _files(installed) == files
+        # A folder without code stands back behind a module in any folder after it.
+        found = PathFinder.find_spec(top, self._path())
+        return found is not None and _files(found) == files
 
     def _home(self) -> Path | None:
         return None if self.folder is None else self.folder.resolve()
 
-    def _folders(self) -> list[Path]:
-        """Where modules are found beside the installed ones."""
-        return [folder for folder in (self._home(), Path.cwd()) if folder is not None]
+    def _path(self) -> list[str]:
+        """Where modules are found: the installed ones, those beside the scenario, those in the working directory."""
+        return list(dict.fromkeys([*sys.path, *(str(f) for f in (self._home(), Path.cwd()) if f is not None)]))
 
     def _imported(self, module: str) -> Any:
         """A module; those beside the scenario and in the working directory are found, too."""
@@ -114,7 +115,7 @@ class Imports:
                 del sys.modules[name]
             del _beside[top]
         new = top not in sys.modules
-        folders = [str(each) for each in dict.fromkeys(self._folders()) if str(each) not in sys.path]
+        folders = [each for each in self._path() if each not in sys.path]
         sys.path.extend(folders)  # an installed command does not look there by itself
         try:
             found = import_module(module)

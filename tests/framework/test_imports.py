@@ -50,6 +50,17 @@ def test_the_working_directory_is_for_modules_that_are_named(folder):
     assert Imports(folder, ("of_the_test_two",)).load("of_the_test_two:Law", "path").__name__ == "Law"
 
 
+def test_a_folder_beside_the_scenario_does_not_stand_for_a_module_elsewhere(folder):
+    """A bare folder is a package without code, which is found after any module with code."""
+    for name in ("of_the_test_three", "of_the_test_four"):
+        (folder / name).mkdir()
+    (folder / "elsewhere" / "of_the_test_three.py").write_text("class Law:\n    pass\n")
+    (folder / "elsewhere" / "of_the_test_four").mkdir()
+    (folder / "elsewhere" / "of_the_test_four" / "laws.py").write_text("class Law:\n    pass\n")
+    refused(Imports(folder), "of_the_test_three:Law", "or named by --allow-imports of_the_test_three")
+    refused(Imports(folder), "of_the_test_four.laws:Law", "or named by --allow-imports of_the_test_four")
+
+
 @pytest.mark.parametrize("path", ["os:system", "builtins:exec", "__main__:x", "antigravity:webbrowser", "os.path:join"])
 def test_nothing_of_the_standard_library_is_allowed_whoever_asks(folder, path):
     for rules in (Imports(folder), Imports(folder, (path.partition(":")[0],)), Imports(every=True)):
