@@ -67,6 +67,7 @@ PHYSICAL: dict[str, tuple[float, float]] = {
     "m/N": (1.0, 1e-12),
     "m s/N": (1.0, 1e-15),
     "m/(N s)": (10.0, 1e-15),
+    "s/m": (1e6, 1e-9),
     "rad/Nm": (1e3, 1e-15),
 }
 _SAME_UNIT = {"Ns/m": "N s/m", "kg m2": "kg m^2", "kg m^2/rad": "kg m^2", "rad/s2": "rad/s^2"}

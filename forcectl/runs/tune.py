@@ -33,6 +33,7 @@ from forcectl.tuning.vrft import fit_vrft
 CONTROLLER = "controller.yaml"
 _SAMPLES_PER_TIME_CONSTANT = 5
 _CONTROL_PERIOD = 0.002  # [s] of the shipped station
+_SOFTEST = 1.0  # [m/N] of a robot
 _REPEATED = 0.5  # rms that a second record may differ from the first by
 _HYSTERESIS = 0.1  # that the static gain of the plant model may differ from that of the rests by
 
@@ -197,6 +198,8 @@ def tune_vrft(
     """
     config = reference_model_config(reference_model)
     _basis(form, 1.0)
+    if robot_compliance is not None and not 0.0 <= robot_compliance <= _SOFTEST:
+        raise invalid("robot_compliance", robot_compliance, f"from 0 to {_SOFTEST:g} m/N")
     read = partial(
         read_record, input_column=input_column, output_column=output_column, variant=variant, flip_input=flip_input
     )
@@ -221,6 +224,8 @@ def _tuned(
 ) -> Tuned:
     """What `tune_vrft` makes, written nowhere yet; `read` reads a record."""
     record = read(data)
+    if robot_compliance is not None and record.motor is None:
+        raise BadInputError(f"{record.origin} has no motor positions, for which --robot-compliance is: leave it out")
     model = config.model(record.period)
     _check_against_model(record, model)
     instrument = None
@@ -314,6 +319,8 @@ def _basis(form: str, period: float) -> ControllerBasis:
 
 def _check_repeated(record: Recorded, again: Recorded) -> None:
     """Refuse a second record that is not the same experiment: as an instrument it would mislead without a sign."""
+    if np.array_equal(record.u, again.u) and np.array_equal(record.y, again.y):
+        raise BadInputError(f"{again.origin} is the record of {record.origin} again: repeat the experiment")
     for name, first, second in ((again.input_name, record.u, again.u), (again.output_name, record.y, again.y)):
         if (differs := float(np.linalg.norm(second - first) / np.linalg.norm(first))) > _REPEATED:
             raise BadInputError(

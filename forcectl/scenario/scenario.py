@@ -267,7 +267,10 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
         wanted = "a mapping of names to values (quote names)"
         raise invalid("variants", variants, wanted).at("variants", file.where("variants"))
-    for name in variants:
+    for name, changes in variants.items():
+        if isinstance(changes, Tagged) and "variants" in changes:
+            text = f"variants.{name} has variants of its own: must not"
+            raise BadInputError(text).at("variants", file.where(f"variants.{name}"))
         if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
             text = f"the name {show(name)} must be 1 to {LONGEST_NAME} printable characters"
             raise BadInputError(text).at("variants", file.where("variants"))

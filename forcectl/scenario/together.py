@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcectl.errors import invalid, unknown
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.fields import Config, key_of
 from forcectl.framework.reader import join
 from forcectl.scenario.catalog import tags_of
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _STARTS = ("start", "start_time", "tare_start", "times")  # keys that hold when something begins [s]
 _TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
+_LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
 _PARALLEL = 1e-3  # sine of the angle
 
 
@@ -34,6 +35,9 @@ def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
     Raises:
         BadInputError: about the key that is wrong.
     """
+    for key, longest in _LONGEST.items():
+        if len(text := getattr(scenario, key)) > longest:
+            raise BadInputError(f" has {len(text)} characters: must have at most {longest}", key=key)
     for key, start in _starts(scenario):
         if start > 0 and start >= scenario.duration and ("duration" not in overrides or _forced(key, overrides)):
             raise invalid(key, start, f"below duration = {scenario.duration:g} s")
@@ -56,6 +60,13 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
     """
     if scenario.duration < loop.workcell.period:
         raise invalid("duration", scenario.duration, f"at least a control tick, {loop.workcell.period:g} s")
+    if scenario.after_end is not None and "machine_end" not in loop.signals:
+        raise invalid("after_end", scenario.after_end, "null: there is no state machine that ends")
+    fastest = 0.5 / loop.workcell.period
+    if getattr(scenario.reference, "frequency", 0.0) >= fastest:
+        raise invalid(
+            "reference.frequency", scenario.reference.frequency, f"below {fastest:g} Hz, half the rate of control"
+        )
     if "desired_force" in loop.signals:
         _check_forces(scenario)
     for i, name in enumerate(scenario.log):

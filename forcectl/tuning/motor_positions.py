@@ -34,7 +34,7 @@ class DriveFilter(Config):
     """h as it is known: the nominal joint-reference filter with its command delay."""
 
     bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="positive")
-    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="positive")
+    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="from 0.01 to 10")
     delay: float = key(0.002, "command delay", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}")
 
     def response(self, values: ArrayLike, period: float) -> Array:

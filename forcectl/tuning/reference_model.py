@@ -200,13 +200,13 @@ class ReferenceModelConfig(Config):
     """
 
     bandwidth: float | None = key(None, "w_c", unit="rad/s", bounds="positive")
-    order: int = key(1, "of the model with a bandwidth")
+    order: int = key(1, "of the model with a bandwidth", bounds="from 1 to 100")
     exact: bool = key(False, "order 1: A = exp(-Ts w_c) instead of 1 - Ts w_c")
     poles: list[float | list[float]] | None = key(None, "each a number or [real part, imaginary part]", unit="rad/s")
     numerator: list[float] | None = key(None, "coefficients from the highest power down")
     denominator: list[float] | None = key(None, "coefficients from the highest power down")
     discrete: bool = key(False, "numerator and denominator are polynomials of z, not of s")
-    delay: int = key(0, "further samples")
+    delay: int = key(0, "further samples", bounds="from 0 to 100000")
 
     def __post_init__(self) -> None:
         super().__post_init__()

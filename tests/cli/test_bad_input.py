@@ -240,6 +240,8 @@ def test_output_that_exists_or_cannot_be_written(monkeypatch, capfd, tmp_path):
     assert_one_line(*complain(arguments, monkeypatch, capfd), ["'file' is not the directory of a run"])
     arguments = ["run", "fig_2_8", "--set", "duration=0.1", "--out", "file/below"]
     assert_one_line(*complain(arguments, monkeypatch, capfd), ["'file/below' cannot be written"])
+    arguments[-1] = 300 * "n"
+    assert_one_line(*complain(arguments, monkeypatch, capfd), ["cannot be written: File name too long"])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "there"]
 
 

@@ -168,6 +168,8 @@ def test_a_second_experiment_is_used_as_instrument(tmp_path):
     short = record_file(tmp_path, "short.csv", rows=9000)
     with pytest.raises(BadInputError, match="must have"):
         tune_vrft(first, 1.5, second=short)
+    with pytest.raises(BadInputError, match=r"1.csv is the record of .*1.csv again: repeat the experiment"):
+        tune_vrft(first, 1.5, second=first)
 
 
 @pytest.mark.parametrize("column", ["displacement [m]", "force [N]"])
@@ -265,6 +267,7 @@ def test_a_result_is_replaced_only_on_request(tmp_path, without_pictures):
         ("200", "sampled every 0.002 s: must be at most 0.000783 s"),
         ("0.05", "must last at least 40 s"),
         ("{bandwidth: 2, order: 40}", "must last at least 40"),
+        ("{bandwidth: 2, order: 2000}", "order = 2000: must be a whole number from 1 to 100"),
     ],
 )
 def test_reference_models_that_cannot_be_used(forcectl, tmp_path, text, words):
@@ -346,6 +349,12 @@ def test_what_vrft_on_motor_positions_needs_is_said(tmp_path):
     file = sticking_csv(tmp_path, displacement_command=False)
     with pytest.raises(BadInputError, match="not both of u_hat and dx_bar"):
         tune_vrft(file, 1.5, learn_from="motor")
+    for wrong in (-1e-6, 2.0, float("nan")):
+        with pytest.raises(BadInputError, match=f"robot_compliance = {wrong}: must be from 0 to 1 m/N"):
+            tune_vrft(file, 1.5, learn_from="motor", robot_compliance=wrong)
+    with pytest.raises(BadInputError, match="no motor positions, for which --robot-compliance is: leave it out"):
+        tune_vrft(sticking_csv(tmp_path, motor_displacement=False), 1.5, robot_compliance=C_R)
+    file = sticking_csv(tmp_path, displacement_command=False)
     known = tune_vrft(file, 1.5, learn_from="motor", robot_compliance=C_R, refine=False)
     assert known.by_input["motor"]["K_P"] == pytest.approx(known.fit.gains[0])
     with pytest.raises(BadInputError, match="learn_from = 'motors': must be one of command, motor"):

@@ -55,6 +55,19 @@ REFUSED = [
     ("guard: {retreat_distance: 50}", "guard.retreat_distance = 50.0: must be from 0.0001 to 1"),
     ("guard: {retreat_speed: 50}", "guard.retreat_speed = 50.0: must be from 0.001 to 2"),
     ("guard: {retreats: 1e12}", "guard.retreats = 1000000000000: must be a whole number from 0 to 1000"),
+    ("guard: {slow_speed: 1, maximum_speed: 0.1}", "guard.slow_speed = 1.0: must be at most maximum_speed = 0.1 m/s"),
+    # texts and names
+    ("title: " + 201 * "x", "title has 201 characters: must have at most 200"),
+    ("source: " + 201 * "x", "source has 201 characters: must have at most 200"),
+    ("description: " + 5001 * "x", "description has 5001 characters: must have at most 5000"),
+    ("variants: {a: {variants: {b: {}}}}", "variants: variants.a has variants of its own: must not"),
+    # what nothing can do
+    ("after_end: 2", "build", "after_end = 2.0: must be null: there is no state machine that ends"),
+    ("reference: !Sine {frequency: 250}", "build", "reference.frequency = 250.0: must be below 250 Hz, half the rate"),
+    ("station: {environment: {dissipation: 1e7}}", "environment.dissipation = 10000000.0: must be not negative, at mo"),
+    ("station: {drive: {position_loop: {damping_ratio: 11}}}", "position_loop.damping_ratio = 11.0: must be from 0.01"),
+    ("controller: !FourthDegreeInvariance {damping_ratio: 1e-3}", "controller.damping_ratio = 0.001: must be from 0.01"),
+    ("controller: !Governed {upper_limit: -5}", "controller.upper_limit = -5.0: must be positive or infinite"),
     # forces
     ("controller: !Governed {upper_force: -1}", "controller.upper_force = -1.0: must be positive"),
     ("controller: !Approach {speed: 5}", "controller.speed = 5.0: must be above 0 and at most 1"),

@@ -294,7 +294,7 @@ class GovernedConfig(AroundLawConfig, Config):
         1, "above one: a quadratic program per tick", unit="ticks", bounds=f"from 1 to {LONGEST_HORIZON}"
     )
     lower_limit: float = key(-inf, "smallest reference of the law", unit="N")
-    upper_limit: float = key(inf, "largest reference of the law", unit="N")
+    upper_limit: float = key(inf, "largest reference of the law", unit="N", bounds="positive or infinite")
     rate_limit: float = key(inf, "largest rate of the reference of the law", unit="N/s", bounds="positive")
     lower_force: float = key(
         -inf, "smallest predicted force; does not bound the reference nor what the model misses", unit="N"

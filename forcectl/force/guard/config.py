@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.force.guard.estimate import estimate_of, largest_jump, quiet_bandwidth
 from forcectl.force.guard.first_touch import TURNS, touch_gain
 from forcectl.force.guard.guard import ControllerGuard
@@ -66,6 +66,11 @@ class GuardConfig(Config):
     retreat_distance: float = key(0.01, "along the normals", unit="m", bounds="from 0.0001 to 1")
     retreat_speed: float = key(0.05, "of it", unit="m/s", bounds="from 0.001 to 2")
     retreats: int = key(3, "from the largest force, before the stop", bounds="from 0 to 1000")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.slow_speed > self.maximum_speed:
+            raise invalid("slow_speed", self.slow_speed, f"at most maximum_speed = {self.maximum_speed:g} m/s")
 
     def limits(self, model: PlantModel, index: int = 0) -> GuardLimits:
         """What the guard of a loop goes by.

@@ -279,7 +279,7 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
         bounds="positive",
         each=True,
     )
-    damping_ratio: float = key(1.0, "of the same lag", bounds="positive", each=True)
+    damping_ratio: float = key(1.0, "of the same lag", unit="1", bounds="from 0.01 to 10", each=True)
     derivatives: str = key("difference", "where the derivatives of the force come from", choices=DERIVATIVES)
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
     acceleration_limit: float = key(

@@ -244,7 +244,7 @@ class PredictiveInvarianceConfig(InvarianceConfig):
     offset_limit: float = key(0.01, "largest value of either correction", unit="m", bounds="not negative")
     minimum_force: float = key(0.2, "force from which there is contact", unit="N", bounds="not negative")
     filter_bandwidth: float = key(75.4, "w of h", unit="rad/s", bounds="positive")
-    filter_damping_ratio: float = key(1.0, "z of h", unit="1", bounds="positive")
+    filter_damping_ratio: float = key(1.0, "z of h", unit="1", bounds="from 0.01 to 10")
     filter_delay: float = key(
         0.002, "command delay of h, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
     )

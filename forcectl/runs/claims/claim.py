@@ -59,7 +59,7 @@ class Claim:
 
     def __init__(self, directory: Path, force: bool = False):
         check_free(directory, force)
-        self.directory = directory.resolve() if directory.is_symlink() else directory
+        self.directory = directory.resolve() if os.path.islink(directory) else directory
         self._force, self._partial, self._held = force, partial_of(self.directory), contextlib.ExitStack()
         self.results, self._earlier = self._partial / RESULTS, self._partial / _EARLIER
         with Interrupts(held=True):
