@@ -55,13 +55,14 @@ def robot_and_arm(name_or_path: str | Path) -> tuple[Path, str | None]:
     """
     whole = str(name_or_path)
     robot, _, arm = whole.rpartition("/")
-    if arm and not _is_robot(whole) and _is_robot(robot):
+    known = robot in list_robots() or (robot != "" and any(_path(robot).glob(ROBOT_PARAMETERS)))
+    if arm and known and whole not in list_robots() and not os.path.isdir(_path(whole)):
         return robot_folder(robot), arm
     return robot_folder(name_or_path), None
 
 
-def _is_robot(name: str) -> bool:
-    return name in list_robots() or (name != "" and os.path.isdir(Path(os.path.expanduser(name))))
+def _path(name: str | Path) -> Path:
+    return Path(os.path.expanduser(name))
 
 
 def tool_folder(name_or_path: str | Path) -> Path:
@@ -107,7 +108,7 @@ def _folder(kind: str, name_or_path: str | Path, shipped: list[str]) -> Path:
     if str(name_or_path) in shipped:
         return models_folder() / name_or_path
     # An empty string would otherwise mean the current directory.
-    path = Path(os.path.expanduser(name_or_path))
+    path = _path(name_or_path)
     if str(name_or_path) and os.path.isdir(path):
         return path
     raise unknown(f"{kind} (neither shipped nor a folder)", str(name_or_path), shipped)

@@ -24,7 +24,7 @@ from forcectl.errors import BadInputError
 
 _MOST_VALUES, _MOST_CHARACTERS = 100_000, 500_000  # in one text
 _SHALLOW = 100  # levels
-_UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff]")  # what no file of a run could hold
+_UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")  # what no file of a run could hold
 
 Tree = Any  # a Tagged mapping, a list of trees, a scalar or an object
 

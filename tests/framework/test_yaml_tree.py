@@ -129,6 +129,7 @@ def test_later_overrides_win_and_python_values_are_accepted():
         ("a: \x00", "not allowed"),
         ("a: !!int x", "invalid literal"),
         ('a: "x\\0y"', "control character"),
+        ('a: "\\x9b31m"', "control character"),
         ('"\\ud800": 1', "control character"),
         ("x: &x [1,1,1,1,1,1,1,1,1,1]\n" + "".join(f"y{i}: &y{i} [{', '.join([f'*{p}'] * 10)}]\n" for i, p in
             enumerate(["x", "y0", "y1", "y2", "y3"])), "more than 100000 values"),

@@ -243,6 +243,9 @@ def test_names_of_robots_are_names_of_folders():
     assert {"comau_smart_six", "yumi"} <= set(list_robots())
     assert robot_and_arm("yumi") == (robot_folder("yumi"), None)
     assert robot_and_arm("yumi/left") == (robot_folder("yumi"), "left")
+    for folder in ("../nothere", "./nothere", "/nothere"):
+        with pytest.raises(BadInputError, match=rf"^unknown robot \(neither shipped nor a folder\) '{folder}'"):
+            robot_and_arm(folder)
 
 
 def test_the_same_robot_twice_in_one_plant_is_refused(planar):
