@@ -66,7 +66,7 @@ REFUSED = [
     ("reference: !Sine {frequency: 250}", "build", "reference.frequency = 250.0: must be below 250 Hz, half the rate"),
     ("station: {environment: {dissipation: 1e7}}", "environment.dissipation = 10000000.0: must be not negative, at mo"),
     ("station: {drive: {position_loop: {damping_ratio: 11}}}", "position_loop.damping_ratio = 11.0: must be from 0.01"),
-    ("controller: !FourthDegreeInvariance {damping_ratio: 1e-3}", "controller.damping_ratio = 0.001: must be from 0.01"),
+    ("controller: !FourthDegreeInvariance {damping_ratio: 1e-3}", "controller.damping_ratio = 0.001: must be from 0.0"),
     ("controller: !Governed {upper_limit: -5}", "controller.upper_limit = -5.0: must be positive or infinite"),
     # forces
     ("controller: !Governed {upper_force: -1}", "controller.upper_force = -1.0: must be positive"),
