@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 ROBOT_PARAMETERS = "*.control.yaml"
 TOOL_PARAMETERS = "*.tool.yaml"
+_REMOTE = "drake_models"
 
 
 def models_folder() -> Path:
@@ -88,7 +89,12 @@ def parameter_file(folder: Path, pattern: str) -> Path:
 
 
 def add_packages(package_map: PackageMap) -> None:
-    """Make `package://<folder>/...` known for every shipped folder that `package_map` does not hold yet."""
+    """Make `package://<folder>/...` known for every shipped folder that `package_map` does not hold yet.
+
+    The package that Drake would download is forgotten: nothing is fetched from a network.
+    """
+    if package_map.Contains(_REMOTE):
+        package_map.Remove(_REMOTE)
     for xml in _shipped("package.xml"):
         if not package_map.Contains(xml.parent.name):
             package_map.AddPackageXml(xml)
