@@ -86,6 +86,8 @@ def package_folders(folder: Path, name: str) -> Iterator[Path]:
 
 
 def _package_name(folder: Path) -> str:
+    if not (folder / "package.xml").is_file():  # a pipe would be waited for
+        return ""
     try:
         text = ElementTree.parse(folder / "package.xml").findtext("name")
     except (OSError, ElementTree.ParseError):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 
@@ -122,6 +124,14 @@ def test_packages_are_found_by_the_layout_of_folders(tmp_path, place):
     urdf = read_urdf(folder / "arm.urdf")
     assert urdf.missing_shapes == []
     assert len([note for note in urdf.notes if "replaced by the" in note]) == 6
+
+
+def test_a_package_file_that_is_a_pipe_is_passed_by(tmp_path):
+    folder = write_public_robot(tmp_path)
+    os.mkfifo(folder.parent / "package.xml")
+    assert read_urdf(folder / "arm.urdf").missing_shapes == []
+    (tmp_path / "acme_support").rename(tmp_path / "acme-2.1")
+    assert read_urdf(tmp_path / "acme-2.1" / "urdf" / "arm.urdf").missing_shapes == []  # its own folder comes last
 
 
 def test_a_missing_mesh_is_told_and_only_refused_where_it_matters(arm):
