@@ -29,18 +29,22 @@ from pydrake.math import RollPitchYaw
 
 from forcectl.models import models_folder
 from forcectl.robot.meshes import Enclosure, mesh_enclosure
-from forcectl.robot.urdf_text import NUMBERS, numbers_in, package_folders, parse_xml, wrong_numbers
+from forcectl.robot.ranges import (
+    GEAR_RATIO,
+    NUMBERS,
+    inertia_matrix,
+    is_axis,
+    numbers_in,
+    wrong_body,
+    wrong_friction,
+    wrong_limits,
+)
+from forcectl.robot.urdf_text import package_folders, parse_xml, wrong_elements
 
 Element = ElementTree.Element
 
 _BY_DRAKE = (".obj", ".vtk", ".gltf")
 _ENTRIES = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])  # of an inertia, in the order below
-_LIGHTEST, _HEAVIEST = 1e-9, 1e4  # [kg] of a link that moves
-_AWAY = 5.0  # [m] of a link's origin to its centre of mass, at most
-_WIDEST = 10.0  # [m] radius of gyration of a link, at most
-# Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
-_LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
-_FAR = 0.5  # of the largest moment of inertia that the others may be short of a body's: a slip, and no estimate
 _MOVING = ("revolute", "continuous", "prismatic")
 
 
@@ -104,7 +108,7 @@ def _read(path: Path, _changed: int) -> Urdf:
         found.problems.append(f"its root is <{root.tag}>: must be <robot>")
     if any(element.tag.startswith("xacro:") for element in root.iter()):
         found.problems.append("holds xacro macros: expand them first, `xacro FILE.xacro > FILE.urdf`")
-    found.problems += wrong_numbers(root, lines)
+    found.problems += wrong_elements(root, lines)
     if not found.problems:
         _Rewriting(path, root, lines, found).run()
     return found
@@ -115,7 +119,7 @@ class _Rewriting:
 
     def __init__(self, path: Path, root: Element, lines: dict[int, int], found: Urdf):
         self._path, self._root, self._lines, self._found = path, root, lines, found
-        self._changed = False
+        self._changed, self._driven = False, set[str]()
 
     def run(self) -> None:
         self._check_tree()
@@ -179,33 +183,18 @@ class _Rewriting:
             mass_element, inertia = inertial.find("mass"), inertial.find("inertia")
             mass = float(mass_element.get("value", "0")) if mass_element is not None else 0.0
             read = {name: float(inertia.get(name, "0")) for name in NUMBERS["inertia"]} if inertia is not None else {}
-            inertias = _matrix(read) if read else np.zeros((3, 3))
+            inertias = inertia_matrix(read) if read else np.zeros((3, 3))
             moments, name = np.linalg.eigvalsh(inertias), link.get("name")
-            moved, shown = name in self._moved, ", ".join(f"{each:.3g}" for each in moments)
-            far = moments[2] - moments[0] - moments[1] > _FAR * moments[2] or moments[0] < -_FAR * moments[2]
-            if mass < 0:
-                self._problem(link, f"link {name!r}: mass = {mass:g} kg: must not be negative")
-            elif moved and mass_element is not None and not _LIGHTEST <= mass <= _HEAVIEST:
-                allowed = f"from {_LIGHTEST:g} to {_HEAVIEST:g} kg in a link that moves"
-                self._problem(link, f"link {name!r}: mass = {mass:g} kg: must be {allowed}")
-            elif (away := _away(inertial)) > _AWAY:
-                text = f"centre of mass {away:.3g} m from its origin: must be at most {_AWAY:g} m"
-                self._problem(link, f"link {name!r}: {text}")
-            elif mass > 0 and moments[2] > mass * _WIDEST**2:
-                allowed = f"at most mass x ({_WIDEST:g} m)^2 = {mass * _WIDEST**2:.3g} kg m2"
-                self._problem(link, f"link {name!r}: principal moments of inertia {shown} kg m2: must be {allowed}")
-            elif (np.diag(inertias) < -1e-12).any():
-                diagonal = ", ".join(f"{each:.3g}" for each in np.diag(inertias))
-                self._problem(link, f"link {name!r}: inertia {diagonal} kg m2: must not be negative")
+            moved = name in self._moved
+            wrong = wrong_body(mass, inertias, _centre(inertial), moved and mass_element is not None)
+            if wrong:
+                self._problem(link, f"link {name!r}: {wrong}")
             elif mass == 0:
                 self._remove(link, inertial)
                 if moments.any():
                     self._found.notes.append(f"link {name}: inertia without a mass, left out")
             elif moved and read and not moments.any():
                 self._problem(link, f"link {name!r}: inertia is zero: must be above zero in a link that moves")
-            elif far:
-                allowed = "not negative, and the largest at most the sum of the others"
-                self._problem(link, f"link {name!r}: principal moments of inertia {shown} kg m2: must be {allowed}")
             elif moments[0] < 0 or moments[2] > (1 + 1e-6) * (moments[0] + moments[1]) + 1e-12:
                 self._raise_moments(inertia, inertias)
                 self._found.notes.append(f"link {name}: no body has such an inertia; its smaller moments are raised")
@@ -282,8 +271,8 @@ class _Rewriting:
         axis, limit = joint.find("axis"), joint.find("limit")
         if limit is None and kind != "continuous" and mimic is None:
             self._problem(joint, f"joint {name!r} has no <limit>: must have one, or be of type continuous")
-        if axis is not None and not any(numbers_in(axis.get("xyz", "1 0 0")) or [1.0]):
-            self._problem(joint, f"joint {name!r}: axis is zero")
+        if axis is not None and not is_axis(numbers_in(axis.get("xyz", "1 0 0")) or [1.0]):
+            self._problem(joint, f"joint {name!r}: axis is zero: must be a direction")
         values = {each: float(limit.get(each, "0")) for each in NUMBERS["limit"]} if limit is not None else {}
         if values and values["lower"] > values["upper"]:
             low, high = values["lower"], values["upper"]
@@ -291,17 +280,15 @@ class _Rewriting:
         for each in ("effort", "velocity"):
             if values.get(each, 0.0) < 0:
                 self._problem(joint, f"joint {name!r}: {each} = {values[each]:g}: must not be negative")
-        for each in values if kind != "continuous" else ("effort", "velocity") if values else ():
-            if math.isfinite(values[each]) and abs(values[each]) > _LARGEST[each]:
-                allowed = f"at most {_LARGEST[each]:g} in size, or inf for none"
-                self._problem(joint, f"joint {name!r}: {each} = {values[each]:g}: must be {allowed}")
+        counting = values if kind != "continuous" else {each: values[each] for each in ("effort", "velocity") if values}
+        for text in wrong_limits(counting):
+            self._problem(joint, f"joint {name!r}: {text}")
         dynamics = joint.find("dynamics")
         friction = (
             {each: float(dynamics.get(each, "0")) for each in NUMBERS["dynamics"]} if dynamics is not None else {}
         )
-        for each, value in friction.items():
-            if not 0 <= value <= _LARGEST[each]:
-                self._problem(joint, f"joint {name!r}: {each} = {value:g}: must be from 0 to {_LARGEST[each]:g}")
+        for text in wrong_friction(friction):
+            self._problem(joint, f"joint {name!r}: {text}")
         if any(friction.values()) and dynamics is not None:
             self._remove(joint, dynamics)
         mimics = None
@@ -328,26 +315,28 @@ class _Rewriting:
 
     def _transmission(self, transmission: Element) -> None:
         names = [each.get("name", "") for each in transmission.findall("joint")]
+        for name in names:
+            if name in self._driven:
+                self._problem(transmission, f"joint {name!r} is in another transmission: must be in one")
+            self._driven.add(name)
         joints = {name: self._found.joints[name] for name in names if name in self._found.joints}
         for part in (transmission, *transmission.findall("actuator"), *transmission.findall("joint")):
             for reduction in part.findall("mechanicalReduction"):
-                ratio = (numbers_in(reduction.text or "") or [1.0])[0] or 1.0
+                text = (reduction.text or "").strip()
+                if not GEAR_RATIO.holds(text):
+                    self._problem(reduction, f"mechanicalReduction = {text!r}: must be {GEAR_RATIO.words()}")
+                    continue
+                ratio = float(text)
                 self._found.joints |= {name: replace(joint, reduction=ratio) for name, joint in joints.items()}
                 self._remove(part, reduction)
         if any(not math.isfinite(joint.effort) for joint in joints.values()):
             self._remove(self._root, transmission)
 
 
-def _away(inertial: Element) -> float:
-    """Distance of a centre of mass from the origin of its link [m]."""
+def _centre(inertial: Element) -> list[float]:
+    """Centre of mass in its link [m]."""
     origin = inertial.find("origin")
-    return math.hypot(*(numbers_in(origin.get("xyz", "")) or [0.0])) if origin is not None else 0.0
-
-
-def _matrix(entries: dict[str, float]) -> np.ndarray:
-    M = np.zeros((3, 3))
-    M[_ENTRIES] = list(entries.values())
-    return np.asarray(M + np.tril(M.T, -1))
+    return (numbers_in(origin.get("xyz", "")) if origin is not None else None) or [0.0]
 
 
 def _put(shape: Element, around: Enclosure) -> None:

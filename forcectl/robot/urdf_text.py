@@ -1,31 +1,25 @@
-"""The text of a URDF file: its tree with lines, its numbers, and the packages that its addresses name."""
+"""The text of a URDF file: its tree with lines, what is wrong with its elements, and the packages of its addresses."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+from forcectl.robot.ranges import NUMBERS, POSITION, TURN, Allowed
+
 Element = ElementTree.Element
 
-_LARGEST = 1e9  # in SI units, of what is no limit
 _UP = 4  # folders above the model that are looked through for a package
-# Attributes that are numbers, and how many.
-NUMBERS = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "axis": {"xyz": 3},
-    "mass": {"value": 1},
-    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 1),
-    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), 1),
-    "dynamics": {"damping": 1, "friction": 1},
-    "mimic": {"multiplier": 1, "offset": 1},
-    "box": {"size": 3},
-    "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
-    "sphere": {"radius": 1},
-    "mesh": {"scale": 3},
+_SHAPES = ("box", "cylinder", "sphere", "mesh", "capsule", "drake:capsule", "drake:ellipsoid")
+# What an element holds at most one of: the others would be passed over.
+_ONCE = {
+    "link": ("inertial",),
+    "inertial": ("origin", "mass", "inertia"),
+    "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
+    "visual": ("origin", "geometry"),
+    "collision": ("origin", "geometry"),
 }
 
 
@@ -47,29 +41,24 @@ def parse_xml(data: bytes, lines: dict[int, int]) -> Element:
     return builder.close()
 
 
-def wrong_numbers(root: Element, lines: dict[int, int]) -> Iterator[str]:
-    """Attributes that are not the numbers they should be, in words."""
+def wrong_elements(root: Element, lines: dict[int, int]) -> Iterator[str]:
+    """Attributes that are not the numbers they should be, shapes that are none, and what is there twice, in words."""
+    of_masses = root.findall(".//inertial/origin")
     for element in root.iter():
-        for name, count in NUMBERS.get(element.tag.rpartition(":")[2], {}).items():
+        at, tag = f"line {lines[id(element)]}", element.tag.rpartition(":")[2]
+        allowed_of = NUMBERS.get(tag, {})
+        if tag == "origin":
+            allowed_of = {"xyz": Allowed(3) if element in of_masses else POSITION, "rpy": TURN}
+        for name, allowed in allowed_of.items():
             text = element.get(name)
-            if text is None:
-                continue
-            allowed = f"a number up to {_LARGEST:g}" if count == 1 else f"{count} numbers up to {_LARGEST:g}"
-            limit = element.tag == "limit"  # which may be infinite
-            numbers = numbers_in(text)
-            if numbers is None or len(numbers) != count or not (limit or max(map(abs, numbers)) <= _LARGEST):
-                yield f"line {lines[id(element)]}: {element.tag} {name} = {text!r}: must be {allowed}"
-            elif element.tag in ("box", "cylinder", "capsule", "sphere") and min(numbers) <= 0:
-                yield f"line {lines[id(element)]}: {element.tag} {name} = {text!r}: must be above zero"
-
-
-def numbers_in(text: str) -> list[float] | None:
-    """The numbers of a text; None for anything else, and for one that is no number."""
-    try:
-        numbers = [float(part) for part in text.split()]
-    except ValueError:
-        return None
-    return None if any(map(math.isnan, numbers)) else numbers
+            if text is not None and not allowed.holds(text):
+                yield f"{at}: {element.tag} {name} = {text!r}: must be {allowed.words()}"
+        for name in _ONCE.get(tag, ()):
+            for again in element.findall(name)[1:]:
+                yield f"line {lines[id(again)]}: {tag} has another <{name}>: must have one"
+        if tag == "geometry" and len([each for each in element if each.tag in _SHAPES]) != 1:
+            held = ", ".join(f"<{each.tag}>" for each in element) or "nothing"
+            yield f"{at}: geometry holds {held}: must hold one of {', '.join(_SHAPES)}"
 
 
 def package_folders(folder: Path, name: str) -> Iterator[Path]:

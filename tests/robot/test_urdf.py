@@ -182,6 +182,46 @@ PROBLEMS = [
     ('<child link="forearm"/>', '<child link="fourarm"/>', "child 'fourarm': there is no such link"),
     ('<child link="forearm"/>', '<child link="hand"/>', "link 'hand' is the child of two joints: must be a tree"),
     ('<link name="forearm">', '<link name="hand">', "link 'hand': must have a name of its own"),
+    ('<origin xyz="0.4 0 0"/>', '<origin xyz="400 0 0"/>', "origin xyz = '400 0 0': must be 3 numbers up to 10"),
+    ('<origin xyz="0.4 0 0"/>', '<origin rpy="1e9 0 0"/>', "origin rpy = '1e9 0 0': must be 3 numbers up to 100"),
+    ('velocity="2"', 'velocity="1e-12"', "joint 'slide': velocity = 1e-12: must be at least 1e-06, or inf for none"),
+    ('effort="50"', 'effort="1e-12"', "joint 'slide': effort = 1e-12: must be at least 1e-06, or inf for none"),
+    ('<mass value="2"/>', '<mass value="2_0"/>', "line 5: mass value = '2_0': must be a number up to 1e+09"),
+    ('<mass value="2"/>', '<mass value="2"/><mass value="3"/>', "line 5: inertial has another <mass>: must have one"),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><axis xyz="1 0 0"/>', "joint has another <axis>: must have one"),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1e-300"/>', "joint 'slide': axis is zero: must be a direction"),
+    ('<joint name="elbow"/>', '<joint name="wrist"/>', "joint 'wrist' is in another transmission: must be in one"),
+    (
+        '<joint name="elbow"/>',
+        '<joint name="elbow"/><mechanicalReduction>fast</mechanicalReduction>',
+        "mechanicalReduction = 'fast': must be a number from 0.001 to 100000 in size",
+    ),
+    (
+        '<actuator name="elbow_motor"/>',
+        '<actuator name="elbow_motor"><drake:rotor_inertia value="1e9"/></actuator>',
+        "drake:rotor_inertia value = '1e9': must be a number from 0 to 10",
+    ),
+    (
+        '<actuator name="elbow_motor"/>',
+        '<actuator name="elbow_motor"><drake:rotor_inertia value="-1e-4"/></actuator>',
+        "drake:rotor_inertia value = '-1e-4': must be a number from 0 to 10",
+    ),
+    (
+        '<actuator name="elbow_motor"/>',
+        '<actuator name="elbow_motor"><drake:gear_ratio value="1e9"/></actuator>',
+        "drake:gear_ratio value = '1e9': must be a number from 0.001 to 100000 in size",
+    ),
+    *[
+        ("</inertial>", f"</inertial><collision><geometry>{shape}</geometry></collision>", message)
+        for shape, message in [
+            ('<sphere radius="1e8"/>', "sphere radius = '1e8': must be a number from 1e-09 to 100"),
+            ('<sphere radius="0"/>', "sphere radius = '0': must be a number from 1e-09 to 100"),
+            ('<mesh filename="a.obj" scale="0 0 0"/>', "mesh scale = '0 0 0': must be 3 numbers from 1e-06 to 10000"),
+            ('<drake:capsule radius="-1" length="1"/>', "drake:capsule radius = '-1': must be a number from 1e-09"),
+            ("", "geometry holds nothing: must hold one of box, cylinder, sphere, mesh, capsule, drake:capsule,"),
+            ("<teapot/>", "geometry holds <teapot>: must hold one of box, cylinder,"),
+        ]
+    ],
     ("</robot>", "", "not valid XML: no element found"),
     ("<robot", "<robbot", "not valid XML: mismatched tag"),
     ("</robot>", "<xacro:arm/></robot>", "holds xacro macros: expand them first"),

@@ -1,0 +1,157 @@
+"""What the numbers of a model file may be, URDF and SDF alike. Wide: no real robot comes near the ends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+LIGHTEST, HEAVIEST = 1e-9, 1e4  # [kg] of a link that moves
+_AWAY = 5.0  # [m] of a link's origin to its centre of mass, at most
+_WIDEST = 10.0  # [m] radius of gyration of a link, at most
+_FAR = 0.5  # of the largest moment of inertia that the others may be short of a body's: a slip, and no estimate
+# Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
+_LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
+_SMALLEST = 1e-6  # of efforts and velocities
+_SHORTEST_AXIS = 1e-6
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """Numbers that stand at one place, in SI units.
+
+    Attributes:
+        count: how many.
+        largest: each is at most, in size.
+        smallest: each is at least, in size.
+        signed: they may be below zero.
+    """
+
+    count: int = 1
+    largest: float = 1e9
+    smallest: float = 0.0
+    signed: bool = True
+
+    def words(self) -> str:
+        """What is allowed."""
+        numbers = "a number" if self.count == 1 else f"{self.count} numbers"
+        if math.isinf(self.largest):
+            return numbers
+        if self.signed and not self.smallest:
+            return f"{numbers} up to {self.largest:g}"
+        return f"{numbers} from {self.smallest:g} to {self.largest:g}{' in size' if self.signed else ''}"
+
+    def holds(self, text: str) -> bool:
+        """Whether a text is such numbers."""
+        numbers = numbers_in(text)
+        if numbers is None or len(numbers) != self.count or not (self.signed or min(numbers) >= 0):
+            return False
+        return all(self.smallest <= abs(number) <= self.largest for number in numbers)
+
+
+POSITION = Allowed(3, largest=10.0)  # [m] of a joint or a shape in its link
+TURN = Allowed(3, largest=100.0)  # [rad]
+GEAR_RATIO = Allowed(largest=1e5, smallest=1e-3)
+_ROTOR_INERTIA = Allowed(largest=10.0, signed=False)  # [kg m2]
+_LENGTH = Allowed(largest=100.0, smallest=1e-9, signed=False)  # [m] of a shape
+_LENGTHS = Allowed(3, largest=100.0, smallest=1e-9, signed=False)
+# Of each element its numbers: attributes of a URDF, elements within of an SDF.
+NUMBERS = {
+    "axis": {"xyz": Allowed(3)},
+    "mass": {"value": Allowed()},
+    "inertial": {"mass": Allowed()},
+    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), Allowed()),
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), Allowed(largest=math.inf)),
+    "dynamics": {"damping": Allowed(), "friction": Allowed()},
+    "mimic": {"multiplier": Allowed(), "offset": Allowed()},
+    "box": {"size": _LENGTHS},
+    "cylinder": {"radius": _LENGTH, "length": _LENGTH},
+    "capsule": {"radius": _LENGTH, "length": _LENGTH},
+    "sphere": {"radius": _LENGTH},
+    "ellipsoid": {"a": _LENGTH, "b": _LENGTH, "c": _LENGTH, "radii": _LENGTHS},
+    "mesh": {"scale": Allowed(3, largest=1e4, smallest=1e-6)},
+    "rotor_inertia": {"value": _ROTOR_INERTIA},
+    "gear_ratio": {"value": GEAR_RATIO},
+    "joint": {"drake:rotor_inertia": _ROTOR_INERTIA, "drake:gear_ratio": GEAR_RATIO},
+}
+
+
+def numbers_in(text: str) -> list[float] | None:
+    """The numbers of a text; None for anything else, and for one that is no number."""
+    try:
+        numbers = [float(part) for part in text.split()]
+    except ValueError:
+        return None
+    return None if "_" in text or any(map(math.isnan, numbers)) else numbers
+
+
+def is_axis(numbers: list[float]) -> bool:
+    """Whether numbers are a direction."""
+    return math.hypot(*numbers) >= _SHORTEST_AXIS
+
+
+def wrong_limits(limits: Mapping[str, float]) -> Iterator[str]:
+    """Limits of a joint that no robot has, in words.
+
+    Args:
+        limits: of lower, upper, effort and velocity those that count; an effort or velocity of 0 is not known.
+    """
+    for name, value in limits.items():
+        if math.isfinite(value) and abs(value) > _LARGEST[name]:
+            yield f"{name} = {value:g}: must be at most {_LARGEST[name]:g} in size, or inf for none"
+        elif name in ("effort", "velocity") and 0 < value < _SMALLEST:
+            yield f"{name} = {value:g}: must be at least {_SMALLEST:g}, or inf for none"
+
+
+def wrong_friction(friction: Mapping[str, float]) -> Iterator[str]:
+    """Damping and friction of a joint that no robot has, in words."""
+    for name, value in friction.items():
+        if not 0 <= value <= _LARGEST[name]:
+            yield f"{name} = {value:g}: must be from 0 to {_LARGEST[name]:g}"
+
+
+def wrong_body(
+    mass: float, inertias: NDArray[np.float64], centre: list[float], moved: bool, exact: bool = False
+) -> str | None:
+    """What is wrong with mass and inertia of a link, in words.
+
+    Args:
+        mass: [kg].
+        inertias: about the centre of mass, (3, 3) [kg m2].
+        centre: of mass [m].
+        moved: by a joint: then it must have a mass.
+        exact: its moments must be those of a body; otherwise they may be short by half of the largest.
+    """
+    moments, away, diagonal = np.linalg.eigvalsh(inertias), math.hypot(*centre), np.diag(inertias)
+    principal = f"principal moments of inertia {_listed(moments)} kg m2"
+    short, below = moments[2] - moments[0] - moments[1], -moments[0]
+    tolerated = 1e-6 * (moments[0] + moments[1]) + 1e-12 if exact else _FAR * moments[2]
+    if mass < 0:
+        return f"mass = {mass:g} kg: must not be negative"
+    if moved and not LIGHTEST <= mass <= HEAVIEST:
+        return f"mass = {mass:g} kg: must be from {LIGHTEST:g} to {HEAVIEST:g} kg in a link that moves"
+    if away > _AWAY:
+        return f"centre of mass {away:.3g} m from its origin: must be at most {_AWAY:g} m"
+    if mass > 0 and moments[2] > mass * _WIDEST**2:
+        allowed = f"at most mass x ({_WIDEST:g} m)^2 = {mass * _WIDEST**2:.3g} kg m2"
+        return f"{principal}: must be {allowed}"
+    if (diagonal < -1e-12).any():
+        return f"inertia {_listed(diagonal)} kg m2: must not be negative"
+    if mass > 0 and (short > tolerated or below > max(tolerated, 0.0)):
+        return f"{principal}: must be not negative, and the largest at most the sum of the others"
+    return None
+
+
+def inertia_matrix(entries: Mapping[str, float]) -> NDArray[np.float64]:
+    """Moments and products of inertia, ixx to iyz, as a matrix (3, 3)."""
+    M = np.diag([entries["ixx"], entries["iyy"], entries["izz"]]).astype(float)
+    for name, at in (("ixy", (0, 1)), ("ixz", (0, 2)), ("iyz", (1, 2))):
+        M[at] = M[at[::-1]] = entries[name]
+    return M
+
+
+def _listed(numbers: NDArray[np.floating]) -> str:
+    return ", ".join(f"{each:.3g}" for each in numbers)
