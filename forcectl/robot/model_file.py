@@ -19,6 +19,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 
 from forcectl.errors import BadInputError, unknown
 from forcectl.models import add_packages
+from forcectl.robot.sdf import wrong_sdf
 from forcectl.robot.urdf import Urdf, read_urdf
 
 
@@ -49,9 +50,11 @@ class ModelFile:
         """
         if not os.path.isfile(path):
             raise BadInputError(f"model = {path.name!r}: there is no such file in folder {str(path.parent)!r}")
-        urdf = read_urdf(path) if path.suffix.lower() == ".urdf" else Urdf()
-        if urdf.problems:
-            raise BadInputError(f"{path.name}: cannot be read: {'; '.join(urdf.problems)}")
+        suffix = path.suffix.lower()
+        urdf = read_urdf(path) if suffix == ".urdf" else Urdf()
+        problems = wrong_sdf(path) if suffix == ".sdf" else urdf.problems
+        if problems:
+            raise BadInputError(f"{path.name}: cannot be read: {'; '.join(problems)}")
         plant = MultibodyPlant(time_step=0.0)
         instances, remarks = add_models(plant, path, urdf)
         if len(instances) != 1:
@@ -72,7 +75,7 @@ def add_models(plant: MultibodyPlant, path: Path, urdf: Urdf) -> tuple[list[Mode
         added: list[ModelInstanceIndex] = (
             parser.AddModelsFromString(urdf.text, "urdf") if urdf.text else parser.AddModels(path)
         )
-    return added, tuple(dict.fromkeys(re.sub(r"^\S*: warning: ", "", text) for text in remarks))
+    return added, tuple(dict.fromkeys(remarks))
 
 
 Bodies = list[str]  # by their full names, model::body
@@ -122,9 +125,10 @@ def parse_models(
         files = " or ".join(dict.fromkeys(model.path.name for model in models.values()))
         with _readable(files) as remarks:
             parser.AddModelsFromString(json.dumps({"directives": directives}), "dmd.yaml")
-    # The parser of SDF only warns, and goes on with other numbers than those of the file.
-    if wrong := next((text for text in remarks if "invalid inertia" in text), None):
-        raise BadInputError(f"{files}: {wrong.removeprefix('warning: ')}")
+    # The parser of SDF only warns of files that are included, and goes on with other numbers than theirs.
+    if any(words in text for text in remarks for words in ("invalid inertia", "'mass > 0' failed")):
+        allowed = "must have masses above zero, and moments of inertia that a body has"
+        raise BadInputError(f"{files}: what it includes cannot be used: {remarks[0]}: {allowed}")
     return {name: plant.GetModelInstanceByName(name) for name in models}
 
 
@@ -137,13 +141,18 @@ def _readable(files: str) -> Iterator[list[str]]:
     logger, remarks = logging.getLogger("drake"), list[str]()
 
     def gather(record: logging.LogRecord) -> bool:
-        remarks.append(" ".join(record.getMessage().split()))
+        remarks.append(_plain(record.getMessage()))
         return False
 
     logger.addFilter(gather)
     try:
         yield remarks
     except (RuntimeError, ValueError, SystemExit) as error:
-        raise BadInputError(f"{files}: cannot be read: {' '.join(str(error).split())}") from error
+        raise BadInputError(f"{files}: cannot be read: {_plain(str(error))}") from error
     finally:
         logger.removeFilter(gather)
+
+
+def _plain(text: str) -> str:
+    """One line, without places in Drake's own sources."""
+    return re.sub(r"^(\S*: )?warning: |Failure at \S+ in ", "", " ".join(text.split()))

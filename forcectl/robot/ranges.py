@@ -123,7 +123,7 @@ def wrong_body(
         inertias: about the centre of mass, (3, 3) [kg m2].
         centre: of mass [m].
         moved: by a joint: then it must have a mass.
-        exact: its moments must be those of a body; otherwise they may be short by half of the largest.
+        exact: it has a mass, and moments that a body has; otherwise they may be short by half of the largest.
     """
     moments, away, diagonal = np.linalg.eigvalsh(inertias), math.hypot(*centre), np.diag(inertias)
     principal = f"principal moments of inertia {_listed(moments)} kg m2"
@@ -131,6 +131,8 @@ def wrong_body(
     tolerated = 1e-6 * (moments[0] + moments[1]) + 1e-12 if exact else _FAR * moments[2]
     if mass < 0:
         return f"mass = {mass:g} kg: must not be negative"
+    if exact and mass == 0:
+        return "mass = 0 kg: must be above zero"
     if moved and not LIGHTEST <= mass <= HEAVIEST:
         return f"mass = {mass:g} kg: must be from {LIGHTEST:g} to {HEAVIEST:g} kg in a link that moves"
     if away > _AWAY:

@@ -15,7 +15,7 @@ INCLUDED = "<include><uri>package://drake_models/veggies/pepper.sdf</uri></inclu
 
 def write_sdf(folder, inside):
     file = folder / "own.sdf"
-    file.write_text(f'<sdf version="1.9"><model name="own">{inside}</model></sdf>')
+    file.write_text(f'<sdf version="1.9" xmlns:drake="drake.mit.edu"><model name="own">{inside}</model></sdf>')
     return file
 
 
@@ -31,3 +31,76 @@ def test_nothing_is_fetched_from_a_network(tmp_path, monkeypatch, inside):
         parse_models(plant, {"own": ModelFile.look(file)}, [])
     assert "download" not in str(caught.value)
     assert not (tmp_path / "cache").exists()
+
+
+ARM = """
+<link name="base"/>
+<link name="hand"><pose>0 0 0.1 0 0 0</pose>
+<inertial><pose>0.1 0 0 0 0 0</pose><mass>2</mass>
+<inertia><ixx>0.1</ixx><iyy>0.1</iyy><izz>0.1</izz></inertia></inertial>
+<collision name="c"><geometry><sphere><radius>0.1</radius></sphere></geometry></collision></link>
+<joint name="wrist" type="revolute"><parent>base</parent><child>hand</child>
+<axis><xyz>0 0 1</xyz><limit><lower>-1</lower><upper>1</upper><effort>50</effort><velocity>3</velocity></limit>
+<dynamics><damping>0</damping></dynamics></axis>
+<drake:gear_ratio>100</drake:gear_ratio></joint>
+"""
+WRONG = [
+    ("<mass>2<", "<mass>0<", "line 4: link 'hand': mass = 0 kg: must be above zero"),
+    ("<mass>2<", "<mass>1e9<", "line 4: link 'hand': mass = 1e+09 kg: must be from 1e-09 to 10000 kg"),
+    ("<mass>2<", "<mass>1e-12<", "mass = 1e-12 kg: must be from 1e-09 to 10000 kg"),
+    ("<mass>2<", "<mass>2_0<", "inertial mass = '2_0': must be a number up to 1e+09"),
+    ("<ixx>0.1<", "<ixx>-0.1<", "link 'hand': inertia -0.1, 0.1, 0.1 kg m2: must not be negative"),
+    ("<ixx>0.1<", "<ixx>0.3<", "moments of inertia 0.1, 0.1, 0.3 kg m2: must be not negative, and the largest at"),
+    ("<ixx>0.1<", "<ixx>nan<", "line 5: inertia ixx = 'nan': must be a number up to 1e+09"),
+    ("<pose>0.1 0", "<pose>50 0", "link 'hand': centre of mass 50 m from its origin: must be at most 5 m"),
+    ("<pose>0 0 0.1", "<pose>1e6 0 0", "line 3: pose of link 'hand' = '1e6 0 0 0 0 0': must be 3 numbers up to 10"),
+    ("<pose>0 0 0.1", "<pose degrees='1'>0 1e9 0 0", "must be 3 numbers up to 10 and then 3 numbers up to 5729.58"),
+    ("<pose>0 0 0.1", "<pose rotation_format='quat_xyzw'>0 0 0", "up to 10 and then 4 numbers up to 1e+09"),
+    ("<xyz>0 0 1<", "<xyz>0 0 1e-300<", "line 8: joint 'wrist': axis is zero: must be a direction"),
+    ("<lower>-1<", "<lower>nan<", "line 8: limit lower = 'nan': must be a number"),
+    ("<lower>-1<", "<lower>-1e9<", "line 8: joint 'wrist': lower = -1e+09: must be at most 10000 in size"),
+    ("<effort>50<", "<effort>1e-12<", "joint 'wrist': effort = 1e-12: must be at least 1e-06"),
+    ("<velocity>3<", "<velocity>1e9<", "joint 'wrist': velocity = 1e+09: must be at most 1000 in size"),
+    ("<velocity>3<", "<velocity>0<", "joint 'wrist': velocity = 0: must be above zero, or left out for none"),
+    ("<damping>0<", "<damping>1e8<", "line 9: joint 'wrist': damping = 1e+08: must be from 0 to 1e+06"),
+    (">100<", ">1e9<", "joint drake:gear_ratio = '1e9': must be a number from 0.001 to 100000 in size"),
+    ("<radius>0.1<", "<radius>1e8<", "line 6: sphere radius = '1e8': must be a number from 1e-09 to 100"),
+    ("</joint>", "", "own.sdf: cannot be read: not valid XML"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), WRONG, ids=[new for _, new, _ in WRONG])
+def test_what_is_wrong_in_an_sdf_is_one_line(tmp_path, old, new, message):
+    assert old in ARM
+    with pytest.raises(BadInputError, match=r"^own\.sdf: cannot be read: ") as caught:
+        ModelFile.look(write_sdf(tmp_path, ARM.replace(old, new)))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<lower>-1<", "<lower>-1e16<"),
+        ("<lower>-1<", "<lower>-inf<"),
+        ("<effort>50<", "<effort>-1<"),
+        ("<velocity>3<", "<velocity>-1<"),
+        ("<pose>0 0 0.1 0 0 0</pose>", "<pose relative_to='base'/>"),
+        ("<pose>0 0 0.1", "<pose rotation_format='quat_xyzw'>0 0 0.1 1"),
+        ("<pose>0 0 0.1 0", "<pose degrees='true'>0 0 0.1 180"),
+    ],
+)
+def test_what_sdf_says_in_its_own_way_is_read(tmp_path, old, new):
+    assert ModelFile.look(write_sdf(tmp_path, ARM.replace(old, new))).bodies == ("base", "hand")
+
+
+@pytest.mark.parametrize("mass", ["0", "-1"])
+def test_a_file_that_an_sdf_includes_has_masses(tmp_path, mass):
+    inside = f"<link name='a'><inertial><mass>{mass}</mass></inertial></link>"
+    (tmp_path / "other.sdf").write_text(f"<sdf version='1.9'><model name='other'>{inside}</model></sdf>")
+    file = write_sdf(tmp_path, f"<include merge='true'><uri>file://{tmp_path}/other.sdf</uri></include>")
+    with pytest.raises(
+        BadInputError, match=r"own\.sdf: what it includes cannot be used: .* must have masses"
+    ) as caught:
+        parse_models(MultibodyPlant(time_step=0.0), {"own": ModelFile.look(file)}, [])
+    assert "bazel" not in str(caught.value)

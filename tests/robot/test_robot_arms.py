@@ -141,7 +141,7 @@ def test_a_tool_in_sdf_has_its_mass(planar, tmp_path):
 @pytest.mark.parametrize(("mass", "moment"), [(-2.0, 0.1), (2.0, -0.1), (2.0, 5.0)])
 def test_a_tool_in_sdf_that_no_body_can_be_is_refused(planar, tmp_path, mass, moment):
     write_hook(tmp_path, mass, moment)
-    with pytest.raises(BadInputError, match=r"hook\.sdf: A link named hook has invalid inertia"):
+    with pytest.raises(BadInputError, match=r"hook\.sdf: cannot be read: line 1: link 'hook': .* must"):
         RobotModel.load(planar, tmp_path)
 
 

@@ -1,0 +1,114 @@
+"""An SDF file as it is found: what is wrong with its numbers. The file itself goes to Drake, which passes over much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from forcectl.robot.ranges import (
+    NUMBERS,
+    POSITION,
+    TURN,
+    Allowed,
+    inertia_matrix,
+    is_axis,
+    numbers_in,
+    wrong_body,
+    wrong_friction,
+    wrong_limits,
+)
+from forcectl.robot.urdf_text import parse_xml
+
+Element = ElementTree.Element
+
+_NO_LIMIT = 1e16  # stands for no limit in SDF, as negative efforts and velocities do
+_AS_BODY = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}  # where the file says nothing
+
+
+def wrong_sdf(path: Path) -> list[str]:
+    """What is wrong with the numbers of an SDF file, in words. Files that it includes are not looked into."""
+    lines = dict[int, int]()
+    try:
+        root = parse_xml(path.read_bytes(), lines)
+    except OSError as error:
+        return [str(error.strerror)]
+    except expat.ExpatError as error:
+        return [f"not valid XML: {error}"]
+    wrong = list(_wrong_texts(root))
+    if not wrong:
+        wrong += [*_wrong_links(root), *_wrong_joints(root)]
+    return [f"line {lines[id(element)]}: {text}" for element, text in wrong]
+
+
+def _wrong_texts(root: Element) -> Iterator[tuple[Element, str]]:
+    for element in root.iter():
+        allowed_of = NUMBERS.get(element.tag, {})
+        for child in element:
+            text = (child.text or "").strip()
+            if child.tag == "pose" and text:
+                words = _wrong_pose(child, text, far=element.tag == "inertial")
+                if words:
+                    yield child, f"pose of {element.tag} {element.get('name', '')!r} = {text!r}: must be {words}"
+            elif child.tag in allowed_of and not allowed_of[child.tag].holds(text):
+                yield child, f"{element.tag} {child.tag} = {text!r}: must be {allowed_of[child.tag].words()}"
+
+
+def _wrong_pose(pose: Element, text: str, far: bool) -> str:
+    """What a pose must be that it is not; `far` of a centre of mass, whose distance is looked at with its link."""
+    parts = text.split()
+    position = Allowed(3) if far else POSITION
+    if pose.get("rotation_format") == "quat_xyzw":
+        turn = Allowed(4)
+    else:
+        turn = Allowed(3, largest=math.degrees(TURN.largest)) if pose.get("degrees") in ("true", "1") else TURN
+    right = position.holds(" ".join(parts[:3])) and turn.holds(" ".join(parts[3:]))
+    return "" if right else f"{position.words()} and then {turn.words()}"
+
+
+def _wrong_links(root: Element) -> Iterator[tuple[Element, str]]:
+    moving = [joint for joint in root.iter("joint") if joint.get("type") != "fixed"]
+    moved = {(joint.findtext("child") or "").strip().rpartition("::")[2] for joint in moving}
+    for link in root.iter("link"):
+        for inertial in link.findall("inertial"):
+            if inertial.get("auto") in ("true", "1"):
+                continue
+            inertia, pose = inertial.find("inertia"), inertial.findtext("pose") or ""
+            entries = _AS_BODY | _values(inertia if inertia is not None else Element("inertia"))
+            mass, centre = _values(inertial).get("mass", 1.0), (numbers_in(pose) or [0.0])[:3]
+            # Drake makes 1 kg of a mass of zero, and of one with an inertia that no body has.
+            text = wrong_body(mass, inertia_matrix(entries), centre, link.get("name") in moved, exact=True)
+            if text:
+                yield inertial, f"link {link.get('name')!r}: {text}"
+
+
+def _wrong_joints(root: Element) -> Iterator[tuple[Element, str]]:
+    for joint in root.iter("joint"):
+        axis = joint.find("axis")
+        if axis is None:
+            continue
+        name = f"joint {joint.get('name')!r}"
+        if not is_axis(numbers_in(axis.findtext("xyz") or "0 0 1") or [0.0]):
+            yield axis, f"{name}: axis is zero: must be a direction"
+        for limit in axis.findall("limit"):
+            values = _values(limit)
+            if values.get("velocity") == 0:
+                yield limit, f"{name}: velocity = 0: must be above zero, or left out for none"
+            for text in wrong_limits({each: _limit(each, value) for each, value in values.items()}):
+                yield limit, f"{name}: {text}"
+        for dynamics in axis.findall("dynamics"):
+            for text in wrong_friction(_values(dynamics)):
+                yield dynamics, f"{name}: {text}"
+
+
+def _limit(name: str, value: float) -> float:
+    endless = abs(value) >= _NO_LIMIT or (name in ("effort", "velocity") and value < 0)
+    return math.inf if endless else value
+
+
+def _values(element: Element) -> dict[str, float]:
+    """The numbers within an element by their names."""
+    known = NUMBERS[element.tag]
+    return {child.tag: float(child.text or "") for child in element if child.tag in known}
