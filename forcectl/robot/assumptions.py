@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.robot.parameters import DERIVED, ControlParameters
 
 Array = NDArray[np.float64]
@@ -35,6 +35,7 @@ ACCELERATION_TIME = 0.15  # [s]
 DAMPING_RATIO = 0.04
 COULOMB_SHARE, VISCOUS_SHARE = 0.05, 0.15
 ASSUMED_SET = "assumed"
+LOOP_INERTIA = 0.01, 1e4  # of what a velocity loop is tuned for, to its rotor
 
 
 def completed(
@@ -104,3 +105,25 @@ def completed(
     made = replace(parameters, **values)
     made.assumed = assumed
     return made
+
+
+def check_drives(parameters: ControlParameters, torque: Array, file: str) -> None:
+    """Refuse drives that cannot overcome their own friction, and loops that are tuned for something else.
+
+    Args:
+        parameters: with everything that they leave out.
+        torque: limits of the joints, (n,); infinite where none is known.
+        file: that the parameters are from.
+
+    Raises:
+        BadInputError: there are such drives.
+    """
+    tuned, rotors = parameters.velocity_loop_inertia, parameters.rotor_inertia * parameters.gear_ratio**2
+    least, most = LOOP_INERTIA
+    if (parameters.coulomb_friction + np.abs(parameters.friction_offset) >= torque).any():
+        name, allowed = "coulomb_friction", f"with friction_offset below the torque limits {torque.tolist()}"
+    elif tuned.size and ((rotors > 0) & ((tuned < least * rotors) | (tuned > most * rotors))).any():
+        name, allowed = "velocity_loop_inertia", f"{least:g} to {most:g} times the rotors, joint side {rotors.tolist()}"
+    else:
+        return
+    raise invalid(name, getattr(parameters, name).tolist(), allowed).at(name, file)

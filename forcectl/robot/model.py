@@ -33,7 +33,6 @@ from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from forcectl.errors import invalid, unknown
 from forcectl.framework.block import BlockCache
-from forcectl.robot.parameters import ControlParameters
 from forcectl.robot.parts import RobotParts, Tool, add_robot, frame_named
 
 Array = NDArray[np.float64]
@@ -176,7 +175,7 @@ class RobotModel(PlantJoints):
         self.tcp_frame = self.arm.tcp_frame
         self.limits = _limits(parts)
         self.joint_stiffness = parameters.stiffness(stiffness_set)
-        self.motor_from_joint = _motor_from_joint(parameters)
+        self.motor_from_joint = parameters.gear_ratio[:, None] * parameters.coupling()
         self.motor_inertia = self.motor_from_joint.T @ np.diag(parameters.rotor_inertia) @ self.motor_from_joint
         self.link_compliance = parameters.bending(stiffness_set)
         self._link_frames = {
@@ -335,15 +334,6 @@ def has_moved(q: Array, since: Array) -> bool:
     """
     step = q - since
     return bool(step @ step > _STILL**2)
-
-
-def _motor_from_joint(parameters: ControlParameters) -> Array:
-    T = np.eye(parameters.num_joints)
-    for coupling in parameters.motor_coupling:
-        T[parameters.arm_joints.index(coupling.motor_of), parameters.arm_joints.index(coupling.driven_by)] = (
-            coupling.factor
-        )
-    return parameters.gear_ratio[:, None] * T
 
 
 def _limits(parts: RobotParts) -> JointLimits:

@@ -21,6 +21,7 @@ from forcectl.framework.fields import Config, key, key_of, typed_fields
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, parse, place
 from forcectl.models import ROBOT_PARAMETERS, TOOL_PARAMETERS, parameter_file
+from forcectl.robot.ranges import GEAR_RATIO
 from forcectl.robot.urdf import read_urdf
 
 T = TypeVar("T")
@@ -40,7 +41,7 @@ _NEIGHBOURS = (
 class ReferenceFilter(Config):
     """Position loop of every joint, h(s) = w^2 / (s^2 + 2 z w s + w^2) (2.3)."""
 
-    natural_frequency: float = key(meaning="w", unit="rad/s", bounds="positive")
+    natural_frequency: float = key(meaning="w", unit="rad/s", bounds="from 0.1 to 1e4")
     damping_ratio: float = key(meaning="z", unit="1", bounds="from 0.01 to 10")
 
 
@@ -53,7 +54,7 @@ class MotorCoupling(Config):
 
     motor_of: str = key(meaning="joint whose motor it is")
     driven_by: str = key(meaning="the other joint")
-    factor: float = key(meaning="see above", unit="1")
+    factor: float = key(meaning="see above", unit="1", bounds="from -100 to 100")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -94,30 +95,48 @@ class ControlParameters(Config):
     )
     default_posture_deg: np.ndarray = key(meaning="of the joints", unit="deg")
     characteristic_length: float = key(
-        meaning="makes translations and rotations comparable in the singularity measure", unit="m", bounds="positive"
+        meaning="makes translations and rotations comparable in the singularity measure",
+        unit="m",
+        bounds="from 1e-3 to 100",
     )
-    velocity_limit: np.ndarray = key(_empty, "of the joints; empty: the model's", unit="rad/s")
-    acceleration_limit: np.ndarray = key(_empty, "of the joints; empty: the model's, or assumed", unit="rad/s2")
-    torque_limit: np.ndarray = key(_empty, "joint side; empty: the model's", unit="Nm")
-    joint_stiffness: dict[str, np.ndarray] = key({}, "sets by name, joint side; empty: assumed", unit="Nm/rad")
+    velocity_limit: np.ndarray = key(
+        _empty, "of the joints; empty: the model's", unit="rad/s", bounds="from 1e-5 to 1e3"
+    )
+    acceleration_limit: np.ndarray = key(
+        _empty, "of the joints; empty: the model's, or assumed", unit="rad/s2", bounds="from 1e-4 to 1e6"
+    )
+    torque_limit: np.ndarray = key(_empty, "joint side; empty: the model's", unit="Nm", bounds="from 1e-4 to 1e5")
+    joint_stiffness: dict[str, np.ndarray] = key(
+        {}, "sets by name, joint side; empty: assumed", unit="Nm/rad", bounds="from 0.01 to 1e8"
+    )
     default_stiffness_set: str = key("", "name of one of these sets")
-    transmission_damping: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nms/rad")
+    transmission_damping: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nms/rad", bounds="from 0 to 1e5")
     reference_filter: ReferenceFilter = key(meaning="position loop of every joint")
     period: float = key(meaning="control sampling", unit="s", bounds="above 0 and at most 1")
-    gear_ratio: np.ndarray = key(_empty, "motor turns per joint turn, signed; empty: assumed", unit="1")
-    rotor_inertia: np.ndarray = key(_empty, "motor side; empty: assumed", unit="kg m2")
-    velocity_loop_inertia: np.ndarray = key(
-        _empty, "what the velocity loops of the drives are tuned for, joint side; empty: the rotors alone", unit="kg m2"
+    gear_ratio: np.ndarray = key(
+        _empty, "motor turns per joint turn, signed, from 1e-3 to 1e5 in size; empty: assumed", unit="1"
     )
-    coulomb_friction: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nm")
-    viscous_friction: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nms/rad")
-    viscous_friction_backward: np.ndarray = key(_empty, "at negative speeds; empty: the same", unit="Nms/rad")
+    rotor_inertia: np.ndarray = key(_empty, "motor side; empty: assumed", unit="kg m2", bounds="from 0 to 10")
+    velocity_loop_inertia: np.ndarray = key(
+        _empty,
+        "what the velocity loops are tuned for, joint side, 0.01 to 1e4 times the rotors; empty: the rotors alone",
+        unit="kg m2",
+        bounds="from 1e-6 to 1e4",
+    )
+    coulomb_friction: np.ndarray = key(
+        _empty, "joint side, with friction_offset below torque_limit; empty: assumed", unit="Nm", bounds="from 0 to 1e5"
+    )
+    viscous_friction: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nms/rad", bounds="from 0 to 1e6")
+    viscous_friction_backward: np.ndarray = key(
+        _empty, "at negative speeds; empty: the same", unit="Nms/rad", bounds="from 0 to 1e6"
+    )
     friction_offset: np.ndarray = key(_empty, "empty: zero", unit="Nm")
     motor_coupling: list[MotorCoupling] = key([], "motors that also turn with another joint")
     link_compliance: dict[str, np.ndarray] = key(
         {},
         "by frame of a link: six diagonal entries, rotations then translations, in that frame's axes",
         unit="rad/Nm, m/N",
+        bounds="from 0 to 0.1",
     )
     link_compliance_sets: list[str] = key(
         [], "sets of joint stiffness to which it is added; empty: every one. The others include it already"
@@ -148,6 +167,13 @@ class ControlParameters(Config):
         """Joint positions of the default posture, shape (n,) [rad]."""
         posture: np.ndarray = np.radians(self.default_posture_deg)
         return posture
+
+    def coupling(self) -> np.ndarray:
+        """Motor speeds before their gears per joint speeds, shape (n, n) [1]."""
+        T = np.eye(self.num_joints)
+        for coupling in self.motor_coupling:
+            T[self.arm_joints.index(coupling.motor_of), self.arm_joints.index(coupling.driven_by)] = coupling.factor
+        return T
 
     def stiffness(self, name: str | None = None) -> np.ndarray:
         """A joint-stiffness set, shape (n,) [Nm/rad]; the default one when `name` is None.
@@ -187,21 +213,26 @@ class ControlParameters(Config):
             held_joints=self.held_joints | {name: q for name, q in others.items() if name not in joints},
             joint_stiffness={name: values[mine] for name, values in self.joint_stiffness.items()},
             motor_coupling=[coupling for coupling in self.motor_coupling if coupling.motor_of in joints],
-            **{name: getattr(self, name)[mine] for name in (*_PER_JOINT, *_POSITIVE)},
+            **{name: getattr(self, name)[mine] for name in _PER_JOINT},
         )
 
 
-_NOT_NEGATIVE = (
+# What is derived from limits where it is left out.
+DERIVED = ("joint_stiffness", "transmission_damping", "rotor_inertia", "coulomb_friction", "viscous_friction")
+_PER_JOINT = (
     "transmission_damping",
     "rotor_inertia",
     "coulomb_friction",
     "viscous_friction",
     "viscous_friction_backward",
+    "default_posture_deg",
+    "gear_ratio",
+    "friction_offset",
+    "velocity_loop_inertia",
+    "velocity_limit",
+    "acceleration_limit",
+    "torque_limit",
 )
-# What is derived from limits where it is left out.
-DERIVED = ("joint_stiffness", "transmission_damping", "rotor_inertia", "coulomb_friction", "viscous_friction")
-_PER_JOINT = (*_NOT_NEGATIVE, "default_posture_deg", "gear_ratio", "friction_offset")
-_POSITIVE = ("velocity_loop_inertia", "velocity_limit", "acceleration_limit", "torque_limit")
 _GIVEN = ("default_posture_deg", "friction_offset")  # of those per joint; others may be empty
 
 
@@ -288,7 +319,7 @@ def missing_limits(keys: Mapping[str, Any], model: Path) -> list[str]:
     return texts
 
 
-_LARGEST_ROTOR = 10.0  # [kg m2]
+_LARGEST_CONDITION = 1e9  # of the coupling of the motors
 Check = tuple[str, Any, str, bool]  # (field, value, what is allowed, whether it is)
 
 
@@ -296,16 +327,16 @@ def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
     n, names = parameters.num_joints, parameters.arm_joints
     yield "arm_joints", names, "different joint names, at least one", 0 < n == len(set(names))
     yield from _arm_checks(parameters)
-    for name in (*_PER_JOINT, *_POSITIVE):
+    for name in _PER_JOINT:
         values = getattr(parameters, name)
         if values.size or name in _GIVEN:
-            sign = "not negative" if name in _NOT_NEGATIVE else "positive" if name in _POSITIVE else ""
-            yield _numbers(name, values, n, sign)
-    rotors = parameters.rotor_inertia
-    yield "rotor_inertia", rotors.tolist(), f"at most {_LARGEST_ROTOR:g} kg m2", not (rotors > _LARGEST_ROTOR).any()
-    yield "gear_ratio", parameters.gear_ratio.tolist(), "different from zero", bool(np.all(parameters.gear_ratio != 0))
+            yield _numbers(name, values, n)
+    geared = np.abs(parameters.gear_ratio)
+    sizes = bool(np.all((geared >= GEAR_RATIO.smallest) & (geared <= GEAR_RATIO.largest)))
+    allowed = f"each from {GEAR_RATIO.smallest:g} to {GEAR_RATIO.largest:g} in size"
+    yield "gear_ratio", parameters.gear_ratio.tolist(), allowed, sizes
     for name, stiffness in parameters.joint_stiffness.items():
-        yield _numbers(f"joint_stiffness.{name}", stiffness, n, "positive")
+        yield _numbers(f"joint_stiffness.{name}", stiffness, n)
     known = ", ".join(parameters.joint_stiffness)
     chosen = parameters.default_stiffness_set
     none = not chosen and not parameters.joint_stiffness
@@ -314,13 +345,20 @@ def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
     for i, pair in enumerate(parameters.ignored_collisions):
         yield f"ignored_collisions.{i}", pair, "two different links", len(pair) == 2 and len(set(pair)) == 2
     for frame, compliance in parameters.link_compliance.items():
-        yield _numbers(f"link_compliance.{frame}", compliance, 6, "not negative")
+        yield _numbers(f"link_compliance.{frame}", compliance, 6)
     for name in parameters.link_compliance_sets:
         yield "link_compliance_sets", name, f"stiffness sets ({known})", name in parameters.joint_stiffness
+    pairs = []
     for i, coupling in enumerate(parameters.motor_coupling):
         for name in ("motor_of", "driven_by"):
             joint = getattr(coupling, name)
             yield f"motor_coupling.{i}.{name}", joint, "one of the arm joints", joint in names
+        pair = [coupling.motor_of, coupling.driven_by]
+        yield f"motor_coupling.{i}", pair, "another pair than those before", pair not in pairs
+        pairs.append(pair)
+    # Two motors may drive two joints together, as those of a differential wrist do, but not both in the same way.
+    independent = bool(np.linalg.cond(parameters.coupling()) < _LARGEST_CONDITION)
+    yield "motor_coupling", pairs, "such that no two motors turn in the same way", independent
 
 
 def _arm_checks(parameters: ControlParameters) -> Iterator[Check]:
@@ -341,7 +379,6 @@ def _arm_checks(parameters: ControlParameters) -> Iterator[Check]:
         yield "motor_coupling", sorted(pair), "two joints of one arm", in_one or not pair <= set(parameters.arm_joints)
 
 
-def _numbers(where: str, values: np.ndarray, length: int, sign: str = "") -> Check:
+def _numbers(where: str, values: np.ndarray, length: int) -> Check:
     ok = values.shape == (length,) and bool(np.isfinite(values).all())
-    ok = ok and not (sign == "positive" and (values <= 0).any()) and not (sign == "not negative" and (values < 0).any())
-    return where, values.tolist(), f"{length} finite numbers" + (f", each {sign}" if sign else ""), ok
+    return where, values.tolist(), f"{length} finite numbers", ok

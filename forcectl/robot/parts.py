@@ -23,8 +23,8 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.models import robot_and_arm, tool_folder
-from forcectl.robot.assumptions import completed
+from forcectl.models import ROBOT_PARAMETERS, parameter_file, robot_and_arm, tool_folder
+from forcectl.robot.assumptions import check_drives, completed
 from forcectl.robot.model_file import ModelFile, all_bodies, parse_models, some_bodies
 from forcectl.robot.parameters import (
     ArmParameters,
@@ -123,7 +123,10 @@ def add_robot(
     """
     folder, arm = robot_and_arm(robot)
     parameters = load_control_parameters(folder)
-    return add_robot_with(plant, folder, parameters if arm is None else parameters.only(arm), tool, X_WB)
+    parts = add_robot_with(plant, folder, parameters if arm is None else parameters.only(arm), tool, X_WB)
+    torque = np.array([actuator.effort_limit() for actuator in parts.actuators])
+    check_drives(parts.parameters, torque, parameter_file(folder, ROBOT_PARAMETERS).name)
+    return parts
 
 
 def add_robot_with(

@@ -15,7 +15,7 @@ _WIDEST = 10.0  # [m] radius of gyration of a link, at most
 _FAR = 0.5  # of the largest moment of inertia that the others may be short of a body's: a slip, and no estimate
 # Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
 _LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
-_SMALLEST = 1e-6  # of efforts and velocities
+_SMALLEST = {"effort": 1e-4, "velocity": 1e-5}  # that are not zero
 _SHORTEST_AXIS = 1e-6
 
 
@@ -102,8 +102,8 @@ def wrong_limits(limits: Mapping[str, float]) -> Iterator[str]:
     for name, value in limits.items():
         if math.isfinite(value) and abs(value) > _LARGEST[name]:
             yield f"{name} = {value:g}: must be at most {_LARGEST[name]:g} in size, or inf for none"
-        elif name in ("effort", "velocity") and 0 < value < _SMALLEST:
-            yield f"{name} = {value:g}: must be at least {_SMALLEST:g}, or inf for none"
+        elif 0 < value < _SMALLEST.get(name, 0.0):
+            yield f"{name} = {value:g}: must be at least {_SMALLEST[name]:g}, or inf for none"
 
 
 def wrong_friction(friction: Mapping[str, float]) -> Iterator[str]:

@@ -91,3 +91,27 @@ def test_a_limit_that_is_missing_alone_is_told(tmp_path):
     (folder / "planar.urdf").write_text(urdf.replace('effort="50"', 'effort="0"'))
     with pytest.raises(BadInputError, match=r"torque_limit is missing: .* none of shoulder, elbow, wrist"):
         RobotModel.load(folder, None)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "coulomb_friction: [0, 0, 0]",
+            "coulomb_friction: [0, 1e5, 0]",
+            r"coulomb_friction = \[0\.0, 100000\.0, 0\.0\]",
+        ),
+        ("period: 0.004", "period: 0.004\nfriction_offset: [0, 0, -50]", r"coulomb_friction .* friction_offset below"),
+        (
+            "period: 0.004",
+            "period: 0.004\nvelocity_loop_inertia: [1, 1, 1e4]",
+            r"velocity_loop_inertia .* to 10000 times",
+        ),
+        ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1e-3, 1, 1]", r"velocity_loop_inertia .* 0\.01 to"),
+    ],
+)
+def test_drives_that_could_not_move_their_joints_are_refused(tmp_path, old, new, message):
+    folder = write_planar_robot(tmp_path, CONTROL.replace(old, new))
+    with pytest.raises(BadInputError, match=r"^planar\.control\.yaml: " + message) as caught:
+        RobotModel.load(folder, None)
+    assert "\n" not in str(caught.value)

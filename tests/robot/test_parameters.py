@@ -46,7 +46,7 @@ MISTAKES = [
     ("period: 0.004", "perod: 0.004", "planar.control.yaml:13: perod: unknown key 'perod': did you mean 'period'?"),
     ("damping_ratio: 0.9", "damping_ratio: 1000", "reference_filter.damping_ratio = 1000.0: must be from 0.01 to 10"),
     ("period: 0.004", "period: 4", "period = 4.0: must be above 0 and at most 1"),
-    ("rotor_inertia: [1e-4", "rotor_inertia: [1e4", "must be at most 10 kg m2"),
+    ("rotor_inertia: [1e-4", "rotor_inertia: [1e4", "rotor_inertia = [10000.0, 0.0001, 1e-05]: must be from 0 to 10"),
     ("damping_ratio: 0.9", "damping: 0.9", "did you mean 'damping_ratio'?"),
     ("period: 0.004\n", "", "planar.control.yaml: period is missing: must be a number (control sampling [s])"),
     ("period: 0.004", "period: 0", "planar.control.yaml:13: period = 0.0: must be above 0 and at most 1"),
@@ -55,21 +55,21 @@ MISTAKES = [
     (
         "natural_frequency: 50",
         "natural_frequency: -50",
-        "control.yaml:12: reference_filter.natural_frequency = -50.0: must be positive",
+        "control.yaml:12: reference_filter.natural_frequency = -50.0: must be from 0.1 to 1e4",
     ),
     (
         "soft: [1000, 800, 600]",
         "soft: [1000, -800, 600]",
-        "joint_stiffness.soft = [1000.0, -800.0, 600.0]: must be 3 finite numbers, each positive",
+        "joint_stiffness.soft = [1000.0, -800.0, 600.0]: must be from 0.01 to 1e8",
     ),
     ("soft: [1000, 800, 600]", "soft: [1000, 800]", "joint_stiffness.soft = [1000.0, 800.0]: must be 3 finite numbers"),
     ("soft: [1000, 800, 600]", "soft: [1000, .nan, 600]", "joint_stiffness.soft"),
     ("soft: [1000, 800, 600]", "soft: 1000", "joint_stiffness.soft = 1000: must be a list of numbers"),
     ("default_stiffness_set: soft", "default_stiffness_set: sfot", "must be one of the stiffness sets (soft, stiff)"),
-    ("transmission_damping: [1, 1, 1]", "transmission_damping: [1, 1, -1]", "each not negative"),
-    ("gear_ratio: [100, -100, 50]", "gear_ratio: [100, 0, 50]", "must be different from zero"),
+    ("transmission_damping: [1, 1, 1]", "transmission_damping: [1, 1, -1]", "must be from 0 to 1e5"),
+    ("gear_ratio: [100, -100, 50]", "gear_ratio: [100, 0, 50]", "must be each from 0.001 to 100000 in size"),
     ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1, 2]", "velocity_loop_inertia = [1.0, 2.0]: must be 3"),
-    ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1, 0, 2]", "3 finite numbers, each positive"),
+    ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1, 0, 2]", "must be from 1e-6 to 1e4"),
     ("[shoulder, elbow, wrist]", "[shoulder, elbow, elbow]", "must be different joint names"),
     ("[shoulder, elbow, wrist]", "shoulder", "arm_joints = 'shoulder': must be a list"),
     ("period: 0.004", "period: 0.004\nlink_compliance: {hand: [0, 0, 0]}", "link_compliance.hand"),
@@ -88,6 +88,39 @@ MISTAKES = [
         "period: 0.004\nmotor_coupling: [{motor_of: elbow, driven_by: elbow, factor: 1}]",
         "must be another joint than motor_of",
     ),
+    ("natural_frequency: 50", "natural_frequency: 1e-6", "natural_frequency = 1e-06: must be from 0.1 to 1e4"),
+    ("natural_frequency: 50", "natural_frequency: 1e5", "natural_frequency = 100000.0: must be from 0.1 to 1e4"),
+    ("characteristic_length: 0.5", "characteristic_length: 1e-9", "= 1e-09: must be from 1e-3 to 100"),
+    ("soft: [1000, 800, 600]", "soft: [1000, 800, 1e-3]", "must be from 0.01 to 1e8"),
+    ("transmission_damping: [1, 1, 1]", "transmission_damping: [1, 1, 1e6]", "must be from 0 to 1e5"),
+    ("gear_ratio: [100, -100, 50]", "gear_ratio: [100, -100, 1e6]", "must be each from 0.001 to 100000 in size"),
+    (
+        "period: 0.004",
+        "period: 0.004\ntorque_limit: [1e-9, 1, 1]",
+        "torque_limit = [1e-09, 1.0, 1.0]: must be from 1e-4",
+    ),
+    ("period: 0.004", "period: 0.004\nvelocity_limit: [1e-9, 1, 1]", "must be from 1e-5 to 1e3"),
+    ("period: 0.004", "period: 0.004\nacceleration_limit: [1e-9, 1, 1]", "must be from 1e-4 to 1e6"),
+    ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1e-12, 1, 1]", "must be from 1e-6 to 1e4"),
+    (
+        "period: 0.004",
+        "period: 0.004\nlink_compliance: {hand: [0, 0, 0, 1, 0, 0]}",
+        "hand = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]",
+    ),
+    *[
+        ("period: 0.004", f"period: 0.004\nmotor_coupling: [{coupling}]", message)
+        for coupling, message in [
+            ("{motor_of: elbow, driven_by: wrist, factor: 1e6}", "factor = 1000000.0: must be from -100 to 100"),
+            (
+                "{motor_of: elbow, driven_by: wrist, factor: 1}, {motor_of: elbow, driven_by: wrist, factor: 2}",
+                "motor_coupling.1 = ['elbow', 'wrist']: must be another pair than those before",
+            ),
+            (
+                "{motor_of: elbow, driven_by: wrist, factor: 2}, {motor_of: wrist, driven_by: elbow, factor: 0.5}",
+                "must be such that no two motors turn in the same way",
+            ),
+        ]
+    ],
     ("model: planar.urdf", "model: [", "not valid YAML"),
     ("model: planar.urdf", "model: 3", "model = 3: must be text"),
     ("[shoulder, elbow, wrist]", "", "arm_joints = None: must be a list"),
@@ -114,6 +147,12 @@ def test_a_mistake_is_named_in_one_line(tmp_path, old, new, message):
         load_control_parameters(folder)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_two_motors_may_drive_two_joints_together(tmp_path):
+    wrist = "{motor_of: elbow, driven_by: wrist, factor: 1}, {motor_of: wrist, driven_by: elbow, factor: -1}"
+    parameters = load_control_parameters(write_planar_robot(tmp_path, f"{CONTROL}motor_coupling: [{wrist}]\n"))
+    np.testing.assert_array_equal(parameters.coupling(), [[1, 0, 0], [0, 1, 1], [0, -1, 1]])
 
 
 def test_everything_that_is_missing_is_told_at_once_with_its_meaning(tmp_path):

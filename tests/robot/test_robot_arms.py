@@ -193,7 +193,11 @@ def test_friction_that_is_left_out(tmp_path):
         ("period: 0.004", "period: 0.004\nheld_joints: {slide: 30}", "held joint slide [rad, m] = 30"),
         ("period: 0.004", "period: 0.004\nheld_joints: {slid: 0}", "unknown joint of planar 'slid'"),
         ("period: 0.004", "period: 0.004\nfriction_offset: [0, 0]", "friction_offset = [0.0, 0.0]: must be 3 finite"),
-        ("period: 0.004", "period: 0.004\nviscous_friction_backward: [0, 0, -1]", "each not negative"),
+        (
+            "period: 0.004",
+            "period: 0.004\nviscous_friction_backward: [0, 0, -1]",
+            "viscous_friction_backward = [0.0, 0.0, -1.0]: must be from 0 to 1e6",
+        ),
         (
             "period: 0.004",
             "period: 0.004\nmotor_coupling: [{motor_of: wrist, driven_by: elbow, factor: 1}]",
