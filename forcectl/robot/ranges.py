@@ -20,7 +20,7 @@ _SHORTEST_AXIS = 1e-6
 
 
 @dataclass(frozen=True)
-class Allowed:
+class NumberRange:
     """Numbers that stand at one place, in SI units.
 
     Attributes:
@@ -52,27 +52,27 @@ class Allowed:
         return all(self.smallest <= abs(number) <= self.largest for number in numbers)
 
 
-POSITION = Allowed(3, largest=10.0)  # [m] of a joint or a shape in its link
-TURN = Allowed(3, largest=100.0)  # [rad]
-GEAR_RATIO = Allowed(largest=1e5, smallest=1e-3)
-_ROTOR_INERTIA = Allowed(largest=10.0, signed=False)  # [kg m2]
-_LENGTH = Allowed(largest=100.0, smallest=1e-9, signed=False)  # [m] of a shape
-_LENGTHS = Allowed(3, largest=100.0, smallest=1e-9, signed=False)
+POSITION = NumberRange(3, largest=10.0)  # [m] of a joint or a shape in its link
+TURN = NumberRange(3, largest=100.0)  # [rad]
+GEAR_RATIO = NumberRange(largest=1e5, smallest=1e-3)
+_ROTOR_INERTIA = NumberRange(largest=10.0, signed=False)  # [kg m2]
+_LENGTH = NumberRange(largest=100.0, smallest=1e-9, signed=False)  # [m] of a shape
+_LENGTHS = NumberRange(3, largest=100.0, smallest=1e-9, signed=False)
 # Of each element its numbers: attributes of a URDF, elements within of an SDF.
 NUMBERS = {
-    "axis": {"xyz": Allowed(3)},
-    "mass": {"value": Allowed()},
-    "inertial": {"mass": Allowed()},
-    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), Allowed()),
-    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), Allowed(largest=math.inf)),
-    "dynamics": {"damping": Allowed(), "friction": Allowed()},
-    "mimic": {"multiplier": Allowed(), "offset": Allowed()},
+    "axis": {"xyz": NumberRange(3)},
+    "mass": {"value": NumberRange()},
+    "inertial": {"mass": NumberRange()},
+    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), NumberRange()),
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), NumberRange(largest=math.inf)),
+    "dynamics": {"damping": NumberRange(), "friction": NumberRange()},
+    "mimic": {"multiplier": NumberRange(), "offset": NumberRange()},
     "box": {"size": _LENGTHS},
     "cylinder": {"radius": _LENGTH, "length": _LENGTH},
     "capsule": {"radius": _LENGTH, "length": _LENGTH},
     "sphere": {"radius": _LENGTH},
     "ellipsoid": {"a": _LENGTH, "b": _LENGTH, "c": _LENGTH, "radii": _LENGTHS},
-    "mesh": {"scale": Allowed(3, largest=1e4, smallest=1e-6)},
+    "mesh": {"scale": NumberRange(3, largest=1e4, smallest=1e-6)},
     "rotor_inertia": {"value": _ROTOR_INERTIA},
     "gear_ratio": {"value": GEAR_RATIO},
     "joint": {"drake:rotor_inertia": _ROTOR_INERTIA, "drake:gear_ratio": GEAR_RATIO},

@@ -12,7 +12,7 @@ from forcectl.robot.ranges import (
     NUMBERS,
     POSITION,
     TURN,
-    Allowed,
+    NumberRange,
     inertia_matrix,
     is_axis,
     numbers_in,
@@ -59,11 +59,11 @@ def _wrong_texts(root: Element) -> Iterator[tuple[Element, str]]:
 def _wrong_pose(pose: Element, text: str, far: bool) -> str:
     """What a pose must be that it is not; `far` of a centre of mass, whose distance is looked at with its link."""
     parts = text.split()
-    position = Allowed(3) if far else POSITION
+    position = NumberRange(3) if far else POSITION
     if pose.get("rotation_format") == "quat_xyzw":
-        turn = Allowed(4)
+        turn = NumberRange(4)
     else:
-        turn = Allowed(3, largest=math.degrees(TURN.largest)) if pose.get("degrees") in ("true", "1") else TURN
+        turn = NumberRange(3, largest=math.degrees(TURN.largest)) if pose.get("degrees") in ("true", "1") else TURN
     right = position.holds(" ".join(parts[:3])) and turn.holds(" ".join(parts[3:]))
     return "" if right else f"{position.words()} and then {turn.words()}"
 

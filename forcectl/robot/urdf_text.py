@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from forcectl.robot.ranges import NUMBERS, POSITION, TURN, Allowed
+from forcectl.robot.ranges import NUMBERS, POSITION, TURN, NumberRange
 
 Element = ElementTree.Element
 
@@ -44,11 +44,12 @@ def parse_xml(data: bytes, lines: dict[int, int]) -> Element:
 def wrong_elements(root: Element, lines: dict[int, int]) -> Iterator[str]:
     """Attributes that are not the numbers they should be, shapes that are none, and what is there twice, in words."""
     of_masses = root.findall(".//inertial/origin")
-    for element in root.iter():
+    parts = [part for part in root if part.tag != "gazebo"]  # which is in the words of SDF, and for others
+    for element in (each for part in parts for each in part.iter()):
         at, tag = f"line {lines[id(element)]}", element.tag.rpartition(":")[2]
         allowed_of = NUMBERS.get(tag, {})
         if tag == "origin":
-            allowed_of = {"xyz": Allowed(3) if element in of_masses else POSITION, "rpy": TURN}
+            allowed_of = {"xyz": NumberRange(3) if element in of_masses else POSITION, "rpy": TURN}
         for name, allowed in allowed_of.items():
             text = element.get(name)
             if text is not None and not allowed.holds(text):

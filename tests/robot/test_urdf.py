@@ -256,6 +256,13 @@ def test_a_tool_is_no_heavier_than_a_robot_can_carry(tmp_path):
         RobotModel.load("comau_smart_six", tmp_path)
 
 
+def test_what_is_for_gazebo_is_passed_over(tmp_path):
+    file = write_planar_robot(tmp_path) / "planar.urdf"
+    ground = "<visual><geometry><plane><size>1 1</size></plane></geometry></visual>"
+    file.write_text(file.read_text().replace("</robot>", f"<gazebo>{ground}</gazebo></robot>"))
+    assert read_urdf(file).problems == []
+
+
 def test_all_problems_are_told_at_once_with_their_lines(tmp_path):
     file = write_planar_robot(tmp_path) / "planar.urdf"
     file.write_text(file.read_text().replace('value="2"', 'value="-2"', 1).replace('lower="-3"', 'lower="4"', 1))
