@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from forcectl import cli
+from tests.examples.robot_folders import write_planar_robot
 
 CASES = [
     # (arguments, what the line must contain)
@@ -221,6 +222,40 @@ def test_what_is_named_is_looked_at_before_it_is_called(name, allowed, monkeypat
         assert_one_line(*complain(["check", "own.yaml"], monkeypatch, capfd), [f"path = 'passes_on:{name}'", allowed])
     assert not (tmp_path / "written").exists()
     sys.modules.pop("passes_on", None)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "parts"),
+    [
+        (
+            "planar.urdf",
+            '<origin xyz="0.4 0 0"/>',
+            '<origin xyz="400 0 0"/>',
+            ["planar.urdf: cannot be read: line ", "origin xyz = '400 0 0': must be 3 numbers up to 10"],
+        ),
+        (
+            "planar.control.yaml",
+            "natural_frequency: 50",
+            "natural_frequency: 1e5",
+            ["planar.control.yaml:12: reference_filter.natural_frequency = 100000.0: must be from 0.1 to 1e4"],
+        ),
+        (
+            "planar.control.yaml",
+            "coulomb_friction: [0, 0, 0]",
+            "coulomb_friction: [0, 1e5, 0]",
+            ["planar.control.yaml: coulomb_friction = [0.0, 100000.0, 0.0]: must be with friction_offset below"],
+        ),
+    ],
+    ids=["urdf", "key", "friction"],
+)
+def test_files_of_a_robot(file, old, new, parts, monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    write_planar_robot(tmp_path / "planar")
+    text = (tmp_path / "planar" / file).read_text()
+    assert old in text
+    (tmp_path / "planar" / file).write_text(text.replace(old, new))
+    output = complain(["run", "fig_2_8", "--set", "station.robot=planar"], monkeypatch, capfd)
+    assert_one_line(*output, parts)
 
 
 def test_files_that_are_no_text(monkeypatch, capfd, tmp_path):
