@@ -125,10 +125,10 @@ def parse_models(
         files = " or ".join(dict.fromkeys(model.path.name for model in models.values()))
         with _readable(files) as remarks:
             parser.AddModelsFromString(json.dumps({"directives": directives}), "dmd.yaml")
-    # The parser of SDF only warns of files that are included, and goes on with other numbers than theirs.
-    if any(words in text for text in remarks for words in ("invalid inertia", "'mass > 0' failed")):
+    # The parser of SDF only warns, and goes on with other numbers. What is included is seen here alone.
+    if wrong := next((text for text in remarks if re.search("invalid inertia|'mass > 0' failed", text)), None):
         allowed = "must have masses above zero, and moments of inertia that a body has"
-        raise BadInputError(f"{files}: what it includes cannot be used: {remarks[0]}: {allowed}")
+        raise BadInputError(f"{files}: cannot be used: {wrong}: {allowed}")
     return {name: plant.GetModelInstanceByName(name) for name in models}
 
 

@@ -15,6 +15,7 @@ _WIDEST = 10.0  # [m] radius of gyration of a link, at most
 _FAR = 0.5  # of the largest moment of inertia that the others may be short of a body's: a slip, and no estimate
 # Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
 _LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
+_ROUNDING = 1e-14
 _SMALLEST = {"effort": 1e-4, "velocity": 1e-5}  # that are not zero
 _SHORTEST_AXIS = 1e-6
 
@@ -128,7 +129,7 @@ def wrong_body(
     moments, away, diagonal = np.linalg.eigvalsh(inertias), math.hypot(*centre), np.diag(inertias)
     principal = f"principal moments of inertia {_listed(moments)} kg m2"
     short, below = moments[2] - moments[0] - moments[1], -moments[0]
-    tolerated = 1e-6 * (moments[0] + moments[1]) + 1e-12 if exact else _FAR * moments[2]
+    tolerated = (_ROUNDING if exact else _FAR) * moments[2]
     if mass < 0:
         return f"mass = {mass:g} kg: must not be negative"
     if exact and mass == 0:
@@ -142,8 +143,10 @@ def wrong_body(
         return f"{principal}: must be {allowed}"
     if (diagonal < -1e-12).any():
         return f"inertia {_listed(diagonal)} kg m2: must not be negative"
-    if mass > 0 and (short > tolerated or below > max(tolerated, 0.0)):
+    if mass > 0 and (short > tolerated or below > tolerated):
         return f"{principal}: must be not negative, and the largest at most the sum of the others"
+    if exact and moved and not moments.any():
+        return "inertia is zero: must be above zero in a link that moves"
     return None
 
 
