@@ -28,6 +28,15 @@ _NO_LIMIT = 1e16  # stands for no limit in SDF, as negative efforts and velociti
 _AS_BODY = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}  # where the file says nothing
 
 
+# What an element holds at most one of, beside its numbers and its pose: the others would be passed over.
+_ONCE = {
+    "link": ("inertial",),
+    "inertial": ("inertia",),
+    "joint": ("parent", "child", "axis"),
+    "axis": ("limit", "dynamics"),
+}
+
+
 def wrong_sdf(path: Path) -> list[str]:
     """What is wrong with the numbers of an SDF file, in words. Files that it includes are not looked into."""
     lines = dict[int, int]()
@@ -37,10 +46,21 @@ def wrong_sdf(path: Path) -> list[str]:
         return [str(error.strerror)]
     except expat.ExpatError as error:
         return [f"not valid XML: {error}"]
-    wrong = list(_wrong_texts(root))
+    wrong = [*_wrong_counts(root), *_wrong_texts(root)]
     if not wrong:
         wrong += [*_wrong_links(root), *_wrong_joints(root)]
     return [f"line {lines[id(element)]}: {text}" for element, text in wrong]
+
+
+def _wrong_counts(root: Element) -> Iterator[tuple[Element, str]]:
+    for element in root.iter():
+        once, seen = {"pose", *NUMBERS.get(element.tag, ()), *_ONCE.get(element.tag, ())}, set[str]()
+        for child in element:
+            if child.tag in once & seen:
+                yield child, f"{element.tag} has another <{child.tag}>: must have one"
+            seen.add(child.tag)
+        if element.tag == "geometry" and len(element) != 1:
+            yield element, f"geometry holds {len(element)} shapes: must hold one"
 
 
 def _wrong_texts(root: Element) -> Iterator[tuple[Element, str]]:
