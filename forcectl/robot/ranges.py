@@ -16,6 +16,7 @@ _FAR = 0.5  # of the largest moment of inertia that the others may be short of a
 # Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
 _LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
 _ROUNDING = 1e-14
+LIMITS = ("lower", "upper", "effort", "velocity")
 _SMALLEST = {"effort": 1e-4, "velocity": 1e-5}  # that are not zero
 _SHORTEST_AXIS = 1e-6
 
@@ -56,6 +57,7 @@ class NumberRange:
 POSITION = NumberRange(3, largest=10.0)  # [m] of a joint or a shape in its link
 TURN = NumberRange(3, largest=100.0)  # [rad]
 GEAR_RATIO = NumberRange(largest=1e5, smallest=1e-3)
+_ACCELERATION = NumberRange(largest=1e6, smallest=1e-4, signed=False)  # [rad/s2] or [m/s2]
 _ROTOR_INERTIA = NumberRange(largest=10.0, signed=False)  # [kg m2]
 _LENGTH = NumberRange(largest=100.0, smallest=1e-9, signed=False)  # [m] of a shape
 _LENGTHS = NumberRange(3, largest=100.0, smallest=1e-9, signed=False)
@@ -65,7 +67,7 @@ NUMBERS = {
     "mass": {"value": NumberRange()},
     "inertial": {"mass": NumberRange()},
     "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), NumberRange()),
-    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), NumberRange(largest=math.inf)),
+    "limit": dict.fromkeys(LIMITS, NumberRange(largest=math.inf)) | {"drake:acceleration": _ACCELERATION},
     "dynamics": {"damping": NumberRange(), "friction": NumberRange()},
     "mimic": {"multiplier": NumberRange(), "offset": NumberRange()},
     "box": {"size": _LENGTHS},

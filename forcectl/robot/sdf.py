@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from forcectl.robot.ranges import (
+    LIMITS,
     NUMBERS,
     POSITION,
     TURN,
@@ -113,7 +114,7 @@ def _wrong_joints(root: Element) -> Iterator[tuple[Element, str]]:
         if not is_axis(numbers_in(axis.findtext("xyz") or "0 0 1") or [0.0]):
             yield axis, f"{name}: axis is zero: must be a direction"
         for limit in axis.findall("limit"):
-            values = _values(limit)
+            values = {name: value for name, value in _values(limit).items() if name in LIMITS}
             if values.get("velocity") == 0:
                 yield limit, f"{name}: velocity = 0: must be above zero, or left out for none"
             for text in wrong_limits({each: _limit(each, value) for each, value in values.items()}):

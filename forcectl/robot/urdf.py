@@ -31,6 +31,7 @@ from forcectl.models import models_folder
 from forcectl.robot.meshes import Enclosure, mesh_enclosure
 from forcectl.robot.ranges import (
     GEAR_RATIO,
+    LIMITS,
     NUMBERS,
     inertia_matrix,
     is_axis,
@@ -273,7 +274,7 @@ class _Rewriting:
             self._problem(joint, f"joint {name!r} has no <limit>: must have one, or be of type continuous")
         if axis is not None and not is_axis(numbers_in(axis.get("xyz", "1 0 0")) or [1.0]):
             self._problem(joint, f"joint {name!r}: axis is zero: must be a direction")
-        values = {each: float(limit.get(each, "0")) for each in NUMBERS["limit"]} if limit is not None else {}
+        values = {each: float(limit.get(each, "0")) for each in LIMITS} if limit is not None else {}
         if values and values["lower"] > values["upper"]:
             low, high = values["lower"], values["upper"]
             self._problem(joint, f"joint {name!r}: limit from {low:g} to {high:g}: lower must not be above upper")

@@ -68,6 +68,11 @@ WRONG = [
     ("<effort>50<", "<effort>1e-12<", "joint 'wrist': effort = 1e-12: must be at least 0.0001"),
     ("<velocity>3<", "<velocity>1e9<", "joint 'wrist': velocity = 1e+09: must be at most 1000 in size"),
     ("<velocity>3<", "<velocity>0<", "joint 'wrist': velocity = 0: must be above zero, or left out for none"),
+    (
+        "</limit>",
+        "<drake:acceleration>0</drake:acceleration></limit>",
+        "drake:acceleration = '0': must be a number from",
+    ),
     ("<damping>0<", "<damping>1e8<", "line 9: joint 'wrist': damping = 1e+08: must be from 0 to 1e+06"),
     (">100<", ">1e9<", "joint drake:gear_ratio = '1e9': must be a number from 0.001 to 100000 in size"),
     ("<radius>0.1<", "<radius>1e8<", "line 6: sphere radius = '1e8': must be a number from 1e-09 to 100"),

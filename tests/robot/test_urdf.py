@@ -185,6 +185,10 @@ PROBLEMS = [
     ('<origin xyz="0.4 0 0"/>', '<origin xyz="400 0 0"/>', "origin xyz = '400 0 0': must be 3 numbers up to 10"),
     ('<origin xyz="0.4 0 0"/>', '<origin rpy="1e9 0 0"/>', "origin rpy = '1e9 0 0': must be 3 numbers up to 100"),
     ('velocity="2"', 'velocity="1e-12"', "joint 'slide': velocity = 1e-12: must be at least 1e-05, or inf for none"),
+    *[
+        ('velocity="2"', f'velocity="2" drake:acceleration="{text}"', f"limit drake:acceleration = '{text}': must be a")
+        for text in ("-1", "0", "1e12", "nan")
+    ],
     ('effort="50"', 'effort="1e-12"', "joint 'slide': effort = 1e-12: must be at least 0.0001, or inf for none"),
     ('<mass value="2"/>', '<mass value="2_0"/>', "line 5: mass value = '2_0': must be a number up to 1e+09"),
     ('<mass value="2"/>', '<mass value="2"/><mass value="3"/>', "line 5: inertial has another <mass>: must have one"),
