@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ class AssemblyAnalysis(Config):
     Full depth: the plunger was at its seat; the locked cap was also straight. Stays: so at the end, in no hand, and no
     true contact force on an arm was ever above the limit. Frames are those of `!PegInBore` and `!CapOnMount`.
     """
+
+    needs: ClassVar[dict[str, str]] = {"part_released": "parts that an arm can hold"}
 
     peg: str = key("plunger", "part whose frame is in the peg's front face")
     bore: str = key("tube", "part whose frame is in the opening of the bore")

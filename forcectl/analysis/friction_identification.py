@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import yaml
@@ -29,6 +29,8 @@ class FrictionAnalysis(Config):
 
     It uses the exact dynamics and the readings, as `ForceEstimator` does.
     """
+
+    needs: ClassVar[dict[str, str]] = {"joint_velocity": "joint sensors", "motor_torque": "drives that read torques"}
 
     slowest: float = key(0.05, "slower ticks are left out", unit="rad/s", bounds="not negative")
     begin: float = key(0.0, "earlier ticks are left out", unit="s", bounds="not negative")

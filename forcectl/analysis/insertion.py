@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,8 @@ class InsertionAnalysis(Config):
     The scenario has one `!ContactTruth` on the peg by the bore in the frame of the mouth. The z axes of the frames of
     both parts point out of the bore when the peg is in it.
     """
+
+    needs: ClassVar[dict[str, str]] = {"body_contact_wrench": "a sensor !ContactTruth, in Multibody"}
 
     peg: str = key("plunger", "part whose frame is in the peg's front face")
     bore: str = key("tube", "part whose frame is in the opening of the bore")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -28,6 +28,11 @@ class KeptForceAnalysis(Config):
 
     Force and torque are those along and about the z axis of its frame. Angles and speeds are of the task, as commanded.
     """
+
+    needs: ClassVar[dict[str, str]] = {
+        "body_contact_wrench": "a sensor !ContactTruth, in Multibody",
+        "task_position": "a controller of tasks",
+    }
 
     mode: str = key("rotation", "in which it turns, and the force is to stay in the band")
     force: list[float] = key(meaning="smallest and largest of the band", unit="N", bounds="not negative", size=2)

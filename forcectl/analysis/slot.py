@@ -8,6 +8,9 @@ own. It is a dataclass with two methods::
 
 and may have two more: `findings(log, setting) -> [RunFinding]`, added to those of every run, see
 `forcectl.analysis.findings`, and `files(log, setting) -> {file name: text}`, for what is to stand in the run directory.
+
+What it cannot do without stands in its class, `needs = {signal: what makes it}`: a scenario whose loop has no such
+signal is refused when it is built, and not after it was simulated.
 """
 
 from __future__ import annotations

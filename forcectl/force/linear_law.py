@@ -189,7 +189,7 @@ class VrftConfig(Config, in_batches=True):
     derivative_gain: float = key(1.62e-8, "gain K_D", unit="m s/N", each=True)
     fir: list[float] = key([], "further FIR coefficients f_0, f_1, ...", unit="m/N", bounds="from -1000000 to 1000000")
     derivative_filter: float | None = key(
-        None, "T_D; null: two control ticks", unit="s", bounds="not negative", each=True
+        None, "T_D; null: two control ticks", unit="s", bounds="from 0 to 100", each=True
     )
     robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="from 0 to 1000", each=True)
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)

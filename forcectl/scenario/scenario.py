@@ -39,7 +39,7 @@ from forcectl.scenario.gains import identifications
 from forcectl.scenario.layers import Layers, locate_files
 from forcectl.scenario.probes import probes_of
 from forcectl.scenario.schema import ScenarioReader
-from forcectl.scenario.together import check_built, check_together
+from forcectl.scenario.together import LONGEST_DURATION, check_built, check_together
 from forcectl.scenario.trees import to_tree, tree_of_fields
 from forcectl.scenario.user_settings import user_settings
 
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 
 FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
 LARGEST_CONTACT_FORCE = 2000.0  # [N] above it a run without a force sensor diverges
-LONGEST_DURATION = 86_400.0  # [s]
 LONGEST_NAME, MOST_VARIANTS = 200, 200
 ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
 

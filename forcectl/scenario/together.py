@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
     from forcectl.scenario.scenario import Scenario
 
+LONGEST_DURATION = 86_400.0  # [s]
 _STARTS = ("start", "start_time", "tare_start", "times")  # keys that hold when something begins [s]
 _TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
@@ -44,6 +45,9 @@ def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
     period = scenario.station.period
     if period is not None and scenario.duration < period:
         raise invalid("duration", scenario.duration, f"at least station.period = {period:g} s")
+    begin, end = scenario.motion.interval() or (0.0, 0.0)
+    if end - begin > LONGEST_DURATION:
+        raise BadInputError(f" takes {end - begin:.3g} s: must take at most {LONGEST_DURATION:g} s", key="motion")
     _check_directions(scenario)
     _check_expectations(scenario)
 
@@ -62,6 +66,10 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
         raise invalid("duration", scenario.duration, f"at least a control tick, {loop.workcell.period:g} s")
     if scenario.after_end is not None and "machine_end" not in loop.signals:
         raise invalid("after_end", scenario.after_end, "null: there is no state machine that ends")
+    for name, analysis in scenario.analyses.items():
+        for signal, maker in getattr(analysis, "needs", {}).items():
+            if signal not in loop.signals:
+                raise BadInputError(f" finds no {signal}: must go together with {maker}", key=f"analyses.{name}")
     fastest = 0.5 / loop.workcell.period
     if getattr(scenario.reference, "frequency", 0.0) >= fastest:
         raise invalid(
@@ -83,6 +91,9 @@ def _check_forces(scenario: Scenario) -> None:
     first = getattr(scenario.reference, "initial_force", 0.0)
     if first > limit:
         raise invalid("reference.initial_force", first, f"at most the sensor's range, {limit:g} N")
+    learns = getattr(scenario.controller, "minimum_force", 0.0)
+    if learns >= limit:
+        raise invalid("controller.minimum_force", learns, f"below the sensor's range, {limit:g} N")
     dead_zone = getattr(scenario.controller, "dead_zone", 0.0)
     if dead_zone and dead_zone >= largest:
         raise invalid("controller.dead_zone", dead_zone, f"below the largest desired force, {largest:g} N")

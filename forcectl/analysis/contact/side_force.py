@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -22,6 +22,8 @@ _AT_REST = 0.1  # share of the run, its last, whose mean counts
 @dataclass(kw_only=True)
 class SideForceAnalysis(Config):
     """Scenario part `!SideForce`: of a `!ContactTruth` with the second surface, from the start of the run on."""
+
+    needs: ClassVar[dict[str, str]] = {"body_contact_wrench": "a sensor !ContactTruth, in Multibody"}
 
     axis: list[float] = key(meaning="outward normal of that surface, in W", bounds="not all zero", size=3)
     force: float = key(meaning="wanted along it", unit="N", bounds="positive")

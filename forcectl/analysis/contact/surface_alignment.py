@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,11 @@ Array = NDArray[np.float64]
 @dataclass(kw_only=True)
 class SurfaceAlignmentAnalysis(Config):
     """Scenario part `!SurfaceAlignment`: of one surface, with the truth that a `!ContactTruth` at the TCP has."""
+
+    needs: ClassVar[dict[str, str]] = {
+        "body_contact_wrench": "a sensor !ContactTruth, in Multibody",
+        "desired_force": "a reference of the force",
+    }
 
     torque: float = key(0.2, "largest contact torque of a tool that is aligned", unit="Nm", bounds="positive")
     deadline: float = key(3.0, "by which it is to be, from the start", unit="s", bounds="not negative")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 @dataclass(kw_only=True)
 class SurfaceFollowingAnalysis(Config):
     """Scenario part `!SurfaceFollowing`: of one surface with `turning: true`."""
+
+    needs: ClassVar[dict[str, str]] = {
+        "surface_tilt": "a surface with turning = true",
+        "desired_force": "a reference of the force",
+    }
 
     begin: float = key(2.0, "from which it is judged", unit="s", bounds="not negative")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -22,6 +22,8 @@ _BAND = 0.05  # of the reference
 @dataclass(kw_only=True)
 class TouchDownAnalysis(Config):
     """Scenario part `!TouchDown`: of a tool that `!Approach` brings to one surface."""
+
+    needs: ClassVar[dict[str, str]] = {"approach_mode": "controller: !Approach"}
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `TOUCH_DOWN_METRICS`; None where the tool never touched, or the contact is not stable in the end.

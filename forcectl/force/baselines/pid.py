@@ -35,7 +35,7 @@ class PidConfig(Config, in_batches=True):
     proportional_gain: float = key(0.5, "gain K_P", unit="1", bounds="not negative", each=True)
     integral_gain: float = key(2.25, "gain K_I", unit="1/s", bounds="from 0 to 10000", each=True)
     derivative_gain: float = key(0.0, "gain K_D", unit="s", bounds="not negative", each=True)
-    derivative_filter: float = key(0.02, "T_D", unit="s", bounds="not negative", each=True)
+    derivative_filter: float = key(0.02, "T_D", unit="s", bounds="from 0 to 100", each=True)
     feed_forward: float = key(0.0, "K_F; 1: all of the depth", unit="1", bounds="not negative", each=True)
     feed_forward_filter: float = key(0.0, "T_F", unit="s", bounds="not negative", each=True)
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)

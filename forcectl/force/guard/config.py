@@ -43,7 +43,10 @@ class GuardConfig(Config):
         0.12, "by which a force that rises to maximum_force is looked at ahead", unit="s", bounds="from 0 to 1"
     )
     maximum_speed: float = key(
-        25.0, "of the displacement command of a force law, derivative kicks and all", unit="m/s", bounds="positive"
+        25.0,
+        "of the displacement command of a force law, derivative kicks and all",
+        unit="m/s",
+        bounds="from 1e-06 to 10000",
     )
     joint_speed: float = key(5.0, "of joint commands, in limits of the joints", bounds="from 0.01 to 1000")
     slow_speed: float = key(

@@ -159,14 +159,14 @@ class RecursiveVrftConfig(Config):
     reference_bandwidth: float = key(1.5, "w_c of the reference model", unit="rad/s", bounds="positive")
     prefilter: bool = key(True, "false: as in Sec. 4.5")
     initial_covariance: float = key(100.0, "initial covariance P_0", bounds="positive")
-    forgetting: float = key(1.0, "forgetting factor per sample", bounds="above 0 and at most 1")
+    forgetting: float = key(1.0, "forgetting factor per sample", bounds="from 0.1 to 1")
     data_resolution: float = key(0.0, "the force is rounded to this for the tuning", unit="N", bounds="not negative")
     hand_over_time: float | None = key(None, "null: when the excitation is over", unit="s", bounds="not negative")
     convergence_window: float | None = key(
         None, "hand over earlier, when the gains have not changed for so long; null: never", unit="s", bounds="positive"
     )
     convergence_tolerance: float = key(0.01, "share by which the gains may change then", bounds="not negative")
-    derivative_filter: float = key(0.0, "T_D; 0: the derivative of (4.20)", unit="s", bounds="not negative")
+    derivative_filter: float = key(0.0, "T_D; 0: the derivative of (4.20)", unit="s", bounds="from 0 to 100")
     robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="from 0 to 1000")
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero")
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10")

@@ -128,7 +128,7 @@ class PositionLoop(PythonDiagram):
 class PositionLoopConfig(Config, in_batches=True):
     """Scenario part `position_loop`."""
 
-    bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="positive", each=True)
+    bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="from 0.1 to 100000", each=True)
     damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="from 0.01 to 10", each=True)
     delay: float = key(
         0.002, "command delay T_t, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"

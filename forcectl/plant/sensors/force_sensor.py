@@ -312,7 +312,9 @@ class ForceSensorConfig(Config, in_batches=True):
         0.0, "transport delay, whole control ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
     )
     range: float = key(400.0, "largest force that can be read", unit="N", bounds="positive or infinite", each=True)
-    torque_ratio: float = key(0.05, "torque noise, quantum and range relative to force", unit="m", bounds="positive")
+    torque_ratio: float = key(
+        0.05, "torque noise, quantum and range relative to force", unit="m", bounds="from 0.0001 to 10"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
