@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.framework.fields import PHYSICAL
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, dump, parse
 from forcectl.runs.claims.claim import Place, claimed
@@ -271,6 +272,11 @@ def _tuned(
         raise BadInputError(
             f"{record.origin}: does not tell how stiff the contact is: must have several moves in contact with a rest "
             "after each; record more of them"
+        )
+    if tuned.stiffness > (stiffest := PHYSICAL["N/m"][0]):
+        raise BadInputError(
+            f"{record.origin}: its contact has {tuned.stiffness:.3g} N/m: must have at most {stiffest:g} N/m; is "
+            f"{record.input_name} in another unit?"
         )
     return tuned
 
