@@ -102,7 +102,7 @@ def test_list_of_a_tag_shows_its_keys_with_unit_bounds_default_and_meaning(force
     words = " ".join(out.split())
     assert "fills the slot controller" in words
     assert "integral_gain 1.5 a number [1/s], from 0 gain K_I to 10000" in words
-    assert "forgetting 0.995 a number, above 0 and" in words
+    assert "forgetting 0.995 a number, from 0.1 to 1" in words
 
 
 def test_every_example_of_list_runs(forcectl):

@@ -212,7 +212,7 @@ def test_a_users_wall_and_one_of_the_scenario_stop_the_motion_while_the_force_is
         ("maximum_force: 0", "controller.maximum_force = 0.0: must be above zero"),
         ("nominal_gain: -1", "controller.nominal_gain"),
         ("nominal_gain: 3, metric: joints", "controller.metric: unknown metric 'joints': did you mean 'joint'?"),
-        ("adaptation: {forgetting: 2}", "controller.adaptation.forgetting = 2.0: must be above 0 and at most 1"),
+        ("adaptation: {forgetting: 2}", "controller.adaptation.forgetting = 2.0: must be from 0.1 to 1"),
         ("outputs: [{axis: [0, 1, 0], displacement: .inf}]", "controller.outputs.0.displacement"),
         ("limits: {velocity: [1, 0]}", "controller.limits.velocity.1 = 0.0: must be positive"),
     ],
