@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from forcectl.analysis.slot import variants_of
+from forcectl.analysis.slot import CONTACT_TRUTH, variants_of
 from forcectl.analysis.transitions import Stay, stays
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError, invalid, unknown
@@ -83,7 +83,7 @@ class InsertionAnalysis(Config):
     both parts point out of the bore when the peg is in it.
     """
 
-    needs: ClassVar[dict[str, str]] = {"body_contact_wrench": "a sensor !ContactTruth, in Multibody"}
+    needs: ClassVar[dict[str, str]] = CONTACT_TRUTH
 
     peg: str = key("plunger", "part whose frame is in the peg's front face")
     bore: str = key("tube", "part whose frame is in the opening of the bore")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from forcectl.analysis.insertion import decided_in_the_air, part_orientation
-from forcectl.analysis.slot import variants_of
+from forcectl.analysis.slot import CONTACT_TRUTH, variants_of
 from forcectl.analysis.tables.task_tables import KEPT_FORCE_METRICS
 from forcectl.analysis.transitions import Stay, stays
 from forcectl.diagrams.model import Setting
@@ -29,10 +29,7 @@ class KeptForceAnalysis(Config):
     Force and torque are those along and about the z axis of its frame. Angles and speeds are of the task, as commanded.
     """
 
-    needs: ClassVar[dict[str, str]] = {
-        "body_contact_wrench": "a sensor !ContactTruth, in Multibody",
-        "task_position": "a controller of tasks",
-    }
+    needs: ClassVar[dict[str, str]] = CONTACT_TRUTH | {"task_position": "a controller of tasks"}
 
     mode: str = key("rotation", "in which it turns, and the force is to stay in the band")
     force: list[float] = key(meaning="smallest and largest of the band", unit="N", bounds="not negative", size=2)

@@ -20,9 +20,10 @@ from typing import TYPE_CHECKING, Any
 from forcectl.analysis.force_metrics import metrics_of
 from forcectl.analysis.motion_metrics import joint_metrics
 from forcectl.diagrams.model import Setting
+from forcectl.errors import BadInputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Container, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
@@ -30,6 +31,25 @@ if TYPE_CHECKING:
     from forcectl.analysis.force_targets import Allowed
 
 SURFACE = "surface"  # dimension of signals with one element for each surface that is pressed on
+# Of `needs`, what several analyses cannot do without.
+CONTACT_TRUTH = {"body_contact_wrench": "a sensor !ContactTruth, in Multibody"}
+REFERENCE = {"desired_force": "a reference of the force"}
+
+
+def check_needs(analysis: Any, signals: Container[str], key: str = "analyses") -> None:
+    """Refuse an analysis without a signal that it needs.
+
+    Args:
+        analysis: with or without `needs`.
+        signals: names of those that there are.
+        key: of the analysis, for the message.
+
+    Raises:
+        BadInputError: names the signal, and what makes it.
+    """
+    for signal, maker in getattr(analysis, "needs", {}).items():
+        if signal not in signals:
+            raise BadInputError(f" finds no {signal}: must go together with {maker}", key=key)
 
 
 def run_metrics(

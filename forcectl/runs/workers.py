@@ -150,8 +150,10 @@ def _work(pipe: Connection) -> None:
 
 @contextlib.contextmanager
 def starting_workers() -> Iterator[None]:
-    """Processes started within leave Ctrl-C to this one, use one thread, as many with many threads are slower, and take
-    no module from the working directory, as Python does by itself until it has the path of this process."""
+    """Processes started within leave Ctrl-C to this one and use one thread: many with many threads are slower.
+
+    Nor do they take modules from the working directory, as Python does by itself until it has the path of this process.
+    """
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "PYTHONSAFEPATH")
     added = [name for name in names if name not in os.environ]
     os.environ.update(dict.fromkeys(added, "1"))

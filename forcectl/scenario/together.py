@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from forcectl.analysis.slot import check_needs
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.fields import Config, key_of
 from forcectl.framework.reader import join
@@ -67,9 +68,7 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
     if scenario.after_end is not None and "machine_end" not in loop.signals:
         raise invalid("after_end", scenario.after_end, "null: there is no state machine that ends")
     for name, analysis in scenario.analyses.items():
-        for signal, maker in getattr(analysis, "needs", {}).items():
-            if signal not in loop.signals:
-                raise BadInputError(f" finds no {signal}: must go together with {maker}", key=f"analyses.{name}")
+        check_needs(analysis, loop.signals, f"analyses.{name}")
     fastest = 0.5 / loop.workcell.period
     if getattr(scenario.reference, "frequency", 0.0) >= fastest:
         raise invalid(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from forcectl.analysis.force_metrics import Step, overshoot, settling_time
+from forcectl.analysis.slot import CONTACT_TRUTH, check_needs
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key
 from forcectl.robot.model import unit_normal
 
@@ -23,7 +23,7 @@ _AT_REST = 0.1  # share of the run, its last, whose mean counts
 class SideForceAnalysis(Config):
     """Scenario part `!SideForce`: of a `!ContactTruth` with the second surface, from the start of the run on."""
 
-    needs: ClassVar[dict[str, str]] = {"body_contact_wrench": "a sensor !ContactTruth, in Multibody"}
+    needs: ClassVar[dict[str, str]] = CONTACT_TRUTH
 
     axis: list[float] = key(meaning="outward normal of that surface, in W", bounds="not all zero", size=3)
     force: float = key(meaning="wanted along it", unit="N", bounds="positive")
@@ -34,9 +34,7 @@ class SideForceAnalysis(Config):
         Raises:
             BadInputError: there is no `!ContactTruth` in the station.
         """
-        if "body_contact_wrench" not in log:
-            wanted = "must go together with a sensor !ContactTruth, in Multibody"
-            raise BadInputError(f" finds no body_contact_wrench: {wanted}", key="analyses")
+        check_needs(self, log)
         time, force = log["time"].values, log["body_contact_wrench"].values[:, 3:] @ unit_normal(self.axis)
         step = Step(first=0, end=len(time), time=float(time[0]), start=0.0, target=self.force)
         rest = force[-max(1, round(_AT_REST * len(force))) :]

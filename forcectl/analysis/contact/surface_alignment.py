@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.analysis.slot import variants_of
+from forcectl.analysis.slot import CONTACT_TRUTH, REFERENCE, variants_of
 from forcectl.analysis.tables.task_tables import SURFACE_ALIGNMENT_METRICS
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError
@@ -24,10 +24,7 @@ Array = NDArray[np.float64]
 class SurfaceAlignmentAnalysis(Config):
     """Scenario part `!SurfaceAlignment`: of one surface, with the truth that a `!ContactTruth` at the TCP has."""
 
-    needs: ClassVar[dict[str, str]] = {
-        "body_contact_wrench": "a sensor !ContactTruth, in Multibody",
-        "desired_force": "a reference of the force",
-    }
+    needs: ClassVar[dict[str, str]] = CONTACT_TRUTH | REFERENCE
 
     torque: float = key(0.2, "largest contact torque of a tool that is aligned", unit="Nm", bounds="positive")
     deadline: float = key(3.0, "by which it is to be, from the start", unit="s", bounds="not negative")

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from forcectl.analysis.slot import REFERENCE, check_needs
 from forcectl.analysis.tables.task_tables import SURFACE_FOLLOWING_METRICS
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key
 
 if TYPE_CHECKING:
@@ -20,10 +20,7 @@ if TYPE_CHECKING:
 class SurfaceFollowingAnalysis(Config):
     """Scenario part `!SurfaceFollowing`: of one surface with `turning: true`."""
 
-    needs: ClassVar[dict[str, str]] = {
-        "surface_tilt": "a surface with turning = true",
-        "desired_force": "a reference of the force",
-    }
+    needs: ClassVar[dict[str, str]] = {"surface_tilt": "a surface with turning = true"} | REFERENCE
 
     begin: float = key(2.0, "from which it is judged", unit="s", bounds="not negative")
 
@@ -33,10 +30,7 @@ class SurfaceFollowingAnalysis(Config):
         Raises:
             BadInputError: no normal turns, or there is no reference of the force.
         """
-        missing = [name for name in ("surface_tilt", "desired_force") if name not in log]
-        if missing:
-            wanted = "must go together with a reference and a surface with turning = true"
-            raise BadInputError(f" finds no {', '.join(missing)}: {wanted}", key="analyses")
+        check_needs(self, log)
         found: dict[str, float | None] = dict.fromkeys(SURFACE_FOLLOWING_METRICS)
         after = log["time"].values >= self.begin - 1e-9
         if after.any():
