@@ -248,6 +248,8 @@ def _check_times(config: StationConfig, period: float) -> None:
     if whole_multiple("period", period, config.time_step, "time_step") < 1:
         raise invalid("time_step", config.time_step, f"at most the period, {period:g} s")
     if config.time_step < period / MOST_STEPS:
+        if config.period is not None:
+            raise invalid("period", period, f"at most {MOST_STEPS} time_step, {MOST_STEPS * config.time_step:g} s")
         raise invalid(
             "time_step", config.time_step, f"at least the period over {MOST_STEPS}, {period / MOST_STEPS:g} s"
         )

@@ -19,7 +19,8 @@ from forcectl.runs.run import assumed_of
 from forcectl.scenario.code import code_in, said
 from forcectl.scenario.error_keys import located
 from forcectl.scenario.gains import gains_lines
-from forcectl.scenario.scenario import as_file, origins, resolve, select_variants, with_shortcuts
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import as_file, origins, resolve, with_shortcuts
 from forcectl.tasks.machine.chart import MachineChart
 
 

@@ -198,7 +198,7 @@ class ForceEstimatorConfig(Config):
             still=self.threshold_still * coulomb,
             limit=self.limit_share * robot.limits.torque,
             period=model.period,
-            velocity_bandwidth=model.velocity_bandwidth,
+            velocity_bandwidth=model.velocity_bandwidth if np.isfinite(model.velocity_bandwidth) else None,
             frozen_speed=np.where(np.isfinite(fastest_stop), fastest_stop, _FROZEN),
             largest_acceleration=_JUMP * robot.limits.acceleration,
         )

@@ -266,8 +266,8 @@ class AdmittanceConfig(Config):
     velocity_limit: float = key(1.0, "of the generator", unit="m/s", bounds="positive")
     acceleration_limit: float = key(1000.0, "of the generator", unit="m/s^2", bounds="positive")
     jerk_limit: float = key(1e9, "of the generator of positions", unit="m/s^3", bounds="positive")
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero")
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10")
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001")
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10")
 
     def law(self, model: PlantModel) -> AdmittanceForceLaw:
         """The block.

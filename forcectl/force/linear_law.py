@@ -192,8 +192,8 @@ class VrftConfig(Config, in_batches=True):
         None, "T_D; null: two control ticks", unit="s", bounds="from 0 to 100", each=True
     )
     robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="from 0 to 1000", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
     reference_bandwidth: float = key(
         1.5, "of the reference model it was tuned for", unit="rad/s", bounds="positive", each=True
     )

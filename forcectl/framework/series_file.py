@@ -44,7 +44,7 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
             pair = float(row[along]), float(row[value])
         except (TypeError, ValueError):
             pair = (math.nan, math.nan)
-        if not all(math.isfinite(one) for one in pair):
+        if not all(map(math.isfinite, pair)) or "_" in row[along] + row[value]:
             told = f"{along} = {show(row[along])}, {value} = {show(row[value])}"
             raise BadInputError(f" = {show(path)} line {number}: {told}: must be finite numbers", key="path")
         if rows and not pair[0] > rows[-1][0]:

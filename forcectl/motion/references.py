@@ -149,7 +149,7 @@ class RampConfig(_ForceReference, Config, in_batches=True):
     """Scenario part `!Ramp`: from `initial_force` at `start_time` with `rate` up or down to `force`."""
 
     force: float = key(15.0, "at the end of the ramp", unit="N", bounds="not negative")
-    rate: float = key(5.0, "of the ramp, up or down", unit="N/s", bounds="positive")
+    rate: float = key(5.0, "of the ramp, up or down", unit="N/s", bounds="at least 0.001")
     start_time: float = key(0.0, "of the ramp", unit="s", bounds="not negative")
     initial_force: float = key(0.0, "until the ramp", unit="N", bounds="not negative")
 
@@ -168,7 +168,7 @@ class SineConfig(Config, in_batches=True):
 
     force: float = key(15.0, "mean, at least the amplitude", unit="N", bounds="not negative")
     amplitude: float = key(5.0, "of the sine", unit="N", bounds="not negative")
-    frequency: float = key(0.5, "of the sine", unit="Hz", bounds="positive")
+    frequency: float = key(0.5, "of the sine", unit="Hz", bounds="at least 0.0001")
     start_time: float = key(0.0, "of the sine", unit="s", bounds="not negative")
 
     def __post_init__(self) -> None:

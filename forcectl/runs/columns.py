@@ -146,7 +146,7 @@ def _cells(line: str, separator: str) -> list[str]:
 
 def _number(text: str) -> float | None:
     try:
-        return float(text)
+        return None if "_" in text else float(text)
     except ValueError:
         return None
 
@@ -169,7 +169,12 @@ def _read_log(path: Path, variant: str | None) -> Columns:
         raise BadInputError(f"{path.name} has no dimension 'time': must be the log of a run")
     columns = {}
     for name in map(str, (name for name in ["time", *log.data_vars] if name in log.variables)):
-        if log[name].dims == ("time",) and np.issubdtype(log[name].dtype, np.number):
-            unit = str(log[name].attrs.get("units", ""))
+        if log[name].dims != ("time",):
+            continue
+        unit, kind = str(log[name].attrs.get("units", "")), log[name].dtype
+        if np.issubdtype(kind, np.number):
             columns[_key(name)] = Column(name, unit, np.asarray(log[name].values, dtype=float))
+        else:
+            fault = f"variable {name} has values of type {kind}: must be numbers"
+            columns[_key(name)] = Column(name, unit, np.full(log.sizes["time"], np.nan), fault)
     return Columns(path.name, columns, lambda k: f"sample {k}")

@@ -14,6 +14,7 @@ from forcectl.graph.export import Graph, MachineGraph
 from forcectl.graph.export import graph as draw
 from forcectl.inspect.ports import PortName
 from forcectl.scenario.catalog import ScenarioFile
+from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import (
     ONE_SCENARIO,
     Scenario,
@@ -21,7 +22,6 @@ from forcectl.scenario.scenario import (
     build,
     origins,
     resolve,
-    select_variants,
     with_shortcuts,
 )
 from forcectl.tasks.machine.chart import MachineChart

@@ -38,6 +38,8 @@ _AT_REST = (1e-9, 1e-3)  # of its range that the input may move while it rests; 
 LONG_REST = 20  # samples
 _REST = 0.3  # [s] that a pause must last for the force to follow
 _LARGEST = {"displacement": 10.0, "force": 1e6}  # [m], [N], from there on it is no measurement of a robot
+_LONGEST = 1e10  # [s], some 300 years: times may count from 1970
+_SHORTEST_PERIOD = 1e-6  # [s]
 _BEYOND = 0.05  # of its range that the input moves on while the force stands still: it is saturated
 _STUCK = 10  # samples that this takes
 _SAME = 1e-6  # of its range by which a saturated force may differ
@@ -202,8 +204,19 @@ def _check_size(table: Columns, column: Column, factor: float, quantity: str) ->
 
 def _check_sampling(table: Columns, time: Array) -> float:
     """The sampling period [s] of times that are regular."""
+    bad = np.flatnonzero(np.abs(time) > _LONGEST)
+    if bad.size:
+        raise BadInputError(
+            f"{table.origin} {table.row(int(bad[0]))}: a time of {time[bad[0]]:g} s is no time of a record: must be at "
+            f"most {_LONGEST:g} s; correct the row or the unit"
+        )
     steps = np.diff(time)
     period = float(np.median(steps))
+    if 0 < period < _SHORTEST_PERIOD:
+        raise BadInputError(
+            f"{table.origin}: a period of {period:g} s is that of no record: must be at least {_SHORTEST_PERIOD:g} s; "
+            "correct the unit of the time"
+        )
     wrong = np.flatnonzero(steps <= 0)
     if wrong.size:
         k = int(wrong[0])

@@ -31,6 +31,7 @@ from forcectl.runs.stored import read_run
 from forcectl.runs.workers import EndedTask, Workers
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict
+from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import (
     ONE_SCENARIO,
     Named,
@@ -39,7 +40,6 @@ from forcectl.scenario.scenario import (
     build,
     origins,
     resolve,
-    select_variants,
     with_shortcuts,
 )
 

@@ -27,6 +27,7 @@ from forcectl.runs.result import InterruptedRunError, RunResult, StoppedRunError
 from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict, judge
+from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import (
     Scenario,
     as_file,
@@ -34,7 +35,6 @@ from forcectl.scenario.scenario import (
     origins,
     resolve,
     resolved_tree,
-    select_variants,
     with_shortcuts,
 )
 from forcectl.scenario.trees import part_tree

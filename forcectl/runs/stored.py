@@ -63,7 +63,8 @@ class StoredRun:
         """
         from forcectl.figures.force import write_figures
         from forcectl.runs.logs import read_netcdf
-        from forcectl.scenario.scenario import as_file, resolve, select_variants
+        from forcectl.scenario.layers import select_variants
+        from forcectl.scenario.scenario import as_file, resolve
 
         file = as_file(self.directory / "scenario.yaml", allow_imports)
         log = read_netcdf(self.directory / "log.nc")

@@ -119,6 +119,12 @@ class Expectation(Config):
         low, high = (x if x is not None else side for x, side in ((self.minimum, -math.inf), (self.maximum, math.inf)))
         if self.strict and low == high:
             raise invalid("minimum", low, f"below maximum = {high:g} where strict = true")
+        if self.tolerance is not None and isinstance(self.published, float):
+            width = self.tolerance.width(self.published)
+            nearest = min(max(self.published, low), high)
+            if abs(nearest - self.published) > width:
+                allowed = f"so that something within {width:g} of it is from {low:g} to {high:g}"
+                raise invalid("published", self.published, allowed)
         for i, name in enumerate(self.fidelities):
             if name in self.fidelities[:i]:
                 raise invalid(f"fidelities.{i}", name, "another one than those before it")

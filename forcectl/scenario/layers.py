@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.framework.yaml_tree import Tagged, Tree, is_object, merge, nest
+from forcectl.errors import BadInputError, invalid, show, unknown
+from forcectl.framework.yaml_tree import Tagged, Tree, equal, is_object, merge, nest
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.trees import default_parts, default_tags, path_of
+
+ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
+_LONGEST_NAME, _MOST_VARIANTS = 200, 200  # characters; variants of a scenario
 
 # Keys of earlier versions, and what to write instead.
 _GONE = {
@@ -120,6 +123,70 @@ def _holds(tree: Tree, parts: list[str]) -> bool:
         else:
             return is_object(tree) or (isinstance(tree, Tagged) and tree.given is not None)
     return True
+
+
+def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]:
+    """The variants to run: the named one, else all.
+
+    Raises:
+        BadInputError: no variant of that name, or variants that are none.
+    """
+    variants = file.tree.get("variants") or Tagged({ONLY_VARIANT: Tagged()})
+    if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
+        wanted = "a mapping of names to values (quote names)"
+        raise invalid("variants", variants, wanted).at("variants", file.where("variants"))
+    if len(variants) > _MOST_VARIANTS:
+        text = f" has {len(variants)} variants: must be at most {_MOST_VARIANTS}; use a sweep"
+        raise BadInputError(text).at("variants", file.where("variants"))
+    try:
+        check_names("variants", variants)
+        for name, changes in variants.items():
+            if isinstance(changes, Tagged) and "variants" in changes:
+                raise BadInputError(" has variants of its own: must not", key=f"variants.{name}")
+        check_different("variants", {name: changes or Tagged() for name, changes in variants.items()})
+    except BadInputError as error:
+        raise error.at(error.key, file.where(error.key)) from None
+    if variant is not None and variant not in variants:
+        raise unknown(f"variant of {file.origin}", variant, variants)
+    return list(variants) if variant is None else [variant]
+
+
+def check_names(kind: str, names: Iterable[str]) -> None:
+    """Refuse names that cannot be shown, or not be told apart where case and blanks do not count.
+
+    Args:
+        kind: key of what has the names.
+        names: as written.
+
+    Raises:
+        BadInputError: about `kind`: there is such a name.
+    """
+    read: dict[str, str] = {}
+    for name in names:
+        if not name.strip() or len(name) > _LONGEST_NAME or not name.isprintable():
+            raise BadInputError(f"the name {show(name)} must be 1 to {_LONGEST_NAME} printable characters", key=kind)
+        other = read.setdefault("".join(name.split()).casefold(), name)
+        if other != name:
+            text = f"the name {show(name)} must differ from {show(other)} by more than case and blanks"
+            raise BadInputError(text, key=kind)
+
+
+def check_different(kind: str, changes: Mapping[str, Tree]) -> None:
+    """Refuse two that change the same.
+
+    Args:
+        kind: key of what has the changes.
+        changes: of each, by its name.
+
+    Raises:
+        BadInputError: about the second one.
+    """
+    read: dict[str, str] = {}
+    for name, tree in changes.items():
+        items = sorted(tree.items(), key=lambda item: str(item[0])) if isinstance(tree, Tagged) else tree
+        other = read.setdefault(repr(items), name)  # of the same keys and values; tags may differ
+        if other != name and equal(tree, changes[other]):
+            raise invalid(f"{kind}.{name}", tree, f"other values than those of {kind}.{other}")
 
 
 def locate_files(tree: Tree, folder: Path) -> None:

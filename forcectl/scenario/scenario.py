@@ -36,7 +36,7 @@ from forcectl.scenario.code import check_imports
 from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation
 from forcectl.scenario.gains import identifications
-from forcectl.scenario.layers import Layers, locate_files
+from forcectl.scenario.layers import ONLY_VARIANT, Layers, locate_files, select_variants
 from forcectl.scenario.probes import probes_of
 from forcectl.scenario.schema import ScenarioReader
 from forcectl.scenario.together import LONGEST_DURATION, check_built, check_together
@@ -48,8 +48,6 @@ if TYPE_CHECKING:
 
 FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
 LARGEST_CONTACT_FORCE = 2000.0  # [N] above it a run without a force sensor diverges
-LONGEST_NAME, MOST_VARIANTS = 200, 200
-ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
 
 
 @dataclass(kw_only=True, repr=False)
@@ -254,31 +252,6 @@ def _file(scenario: Named) -> ScenarioFile:
     if isinstance(scenario, str | Path):
         return catalog.find_scenario(scenario)
     raise invalid("scenario", scenario, "a name, a path, a mapping or a Scenario")
-
-
-def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]:
-    """The variants to run: the named one, else all.
-
-    Raises:
-        BadInputError: no variant of that name.
-    """
-    variants = file.tree.get("variants") or Tagged({ONLY_VARIANT: Tagged()})
-    if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
-        wanted = "a mapping of names to values (quote names)"
-        raise invalid("variants", variants, wanted).at("variants", file.where("variants"))
-    for name, changes in variants.items():
-        if isinstance(changes, Tagged) and "variants" in changes:
-            text = f"variants.{name} has variants of its own: must not"
-            raise BadInputError(text).at("variants", file.where(f"variants.{name}"))
-        if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
-            text = f"the name {show(name)} must be 1 to {LONGEST_NAME} printable characters"
-            raise BadInputError(text).at("variants", file.where("variants"))
-    if len(variants) > MOST_VARIANTS:
-        text = f" has {len(variants)} variants: must be at most {MOST_VARIANTS}; use a sweep"
-        raise BadInputError(text).at("variants", file.where("variants"))
-    if variant is not None and variant not in variants:
-        raise unknown(f"variant of {file.origin}", variant, variants)
-    return list(variants) if variant is None else [variant]
 
 
 def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None) -> Scenario:

@@ -110,8 +110,8 @@ def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
                 if field.name not in _STARTS or key_of(field).unit != "s":
                     continue
                 start = getattr(part, field.name)
-                if isinstance(start, list) and start and field.name == "times":
-                    yield f"{key}.times.0", float(start[0])
+                if isinstance(start, list):
+                    yield from ((f"{key}.{field.name}.{i}", float(each)) for i, each in enumerate(start))
                 elif isinstance(start, int | float):
                     yield join(key, field.name), float(start)
 

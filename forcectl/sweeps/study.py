@@ -27,7 +27,8 @@ from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import dump
 from forcectl.runs.run import overlap
 from forcectl.scenario.catalog import ScenarioFile, experiments_folder
-from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve, select_variants
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve
 from forcectl.scenario.trees import part_tree
 from forcectl.sweeps.axes import Axis, axis_of, is_plain
 from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, with_scenario

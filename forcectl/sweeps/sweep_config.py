@@ -8,13 +8,14 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, invalid, show, unknown
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.fields import Config, key
-from forcectl.framework.yaml_tree import Tagged, Tree, equal, parse, place, plain
+from forcectl.framework.yaml_tree import Tagged, parse, place, plain
 from forcectl.runs.run import overlap
 from forcectl.scenario.catalog import ScenarioFile, experiments_folder, list_experiments
-from forcectl.scenario.scenario import LONGEST_NAME, as_file
+from forcectl.scenario.layers import check_different, check_names
+from forcectl.scenario.scenario import as_file
 from forcectl.scenario.schema import ScenarioReader
 
 DESIGNS = ("grid", "random", "latin_hypercube", "sobol", "saltelli")
@@ -103,19 +104,12 @@ class SweepConfig(Config):
         if self.repeat is not None and self.seeds is not None:
             raise invalid("seeds", self.seeds, "left out: `repeat` chooses them")
         for kind, named in (("arms", self.arms), ("cases", self.cases), ("findings", self.findings)):
-            for name in named:
-                if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
-                    raise BadInputError(
-                        f"the name {show(name)} must be 1 to {LONGEST_NAME} printable characters", key=kind
-                    )
+            check_names(kind, named)
         for kind, named in (("arms", self.arms), ("cases", self.cases)):
-            seen: dict[str, Tree] = {}
             for name, values in named.items():
                 if not isinstance(values, Mapping):
                     raise invalid(f"{kind}.{name}", values, "a mapping of scenario keys to values")
-                if same := next((other for other, tree in seen.items() if equal(tree, plain(values))), ""):
-                    raise invalid(f"{kind}.{name}", values, f"other values than those of {kind}.{same}")
-                seen[name] = plain(values)
+            check_different(kind, {name: plain(values) for name, values in named.items()})
         for kind, names in (("compare", self.compare), ("shown", self.shown), ("envelope", self.envelope)):
             for i, name in enumerate(names):
                 if name in names[:i]:
@@ -216,6 +210,9 @@ def read_sweep(sweep: str | Path | Mapping[str, Any] | SweepConfig) -> SweepFile
     if beside is not None and config.scenario not in list_experiments() and os.path.isfile(beside):
         config.scenario = str(beside.resolve())
     elif isinstance(config.scenario, Mapping):  # its paths start from the folder of the sweep
+        if getattr(config.scenario, "tag", None) is not None:
+            wrong = invalid("scenario", config.scenario, "a name, a path, or a mapping of scenario keys without a tag")
+            raise wrong.at("scenario", place(origin, lines, "scenario"))
         config.scenario = replace(as_file(config.scenario), folder=folder)
     return SweepFile(name, config, origin, lines, modules)
 

@@ -17,7 +17,8 @@ from forcectl.framework.yaml_tree import Tagged, dump, plain
 from forcectl.runs.simulate import simulate
 from forcectl.scenario.catalog import SLOTS, list_experiments, read_scenario
 from forcectl.scenario.gains import asks_for_gains
-from forcectl.scenario.scenario import as_file, build, origins, resolve, resolved_tree, select_variants
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import as_file, build, origins, resolve, resolved_tree
 
 NONSENSE = (
     None,

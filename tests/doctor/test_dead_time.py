@@ -12,7 +12,8 @@ from forcectl.doctor import examine, measure_delay
 from forcectl.inspect.ports import find_outputs
 from forcectl.inspect.wiring import Wiring
 from forcectl.scenario.catalog import find_scenario, list_experiments
-from forcectl.scenario.scenario import as_file, build, resolve, select_variants
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import as_file, build, resolve
 from tests.examples.experiment_runs import fidelities_of
 
 TICK = 0.0005  # [s] between two reads, divides the steps of all plants

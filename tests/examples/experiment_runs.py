@@ -23,7 +23,8 @@ from forcectl.runs.simulate import FOUND, VariantOutcome, simulate
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.expectations import Verdict
 from forcectl.scenario.gains import identifications, text_of
-from forcectl.scenario.scenario import Scenario, build, resolve, select_variants, with_shortcuts
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import Scenario, build, resolve, with_shortcuts
 
 
 @dataclass(frozen=True)

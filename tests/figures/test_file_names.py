@@ -7,7 +7,7 @@ import re
 import forcectl as fc
 from forcectl.figures.file_names import file_names
 from forcectl.scenario.catalog import find_scenario
-from forcectl.scenario.scenario import select_variants
+from forcectl.scenario.layers import select_variants
 
 
 def test_a_name_is_readable_and_safe():

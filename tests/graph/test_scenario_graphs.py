@@ -21,7 +21,8 @@ from forcectl.graph.formats import print as print_
 from forcectl.graph.formats.picture import Layouter
 from forcectl.graph.model import Block, BlockGraph
 from forcectl.scenario.catalog import find_scenario, list_experiments
-from forcectl.scenario.scenario import as_file, build, resolve, select_variants
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import as_file, build, resolve
 from tests.examples.experiment_runs import fidelities_of
 from tests.graph.layout.test_against_elk import without_parameters
 

@@ -72,6 +72,17 @@ def test_words_matter_only_in_a_column_that_is_used(tmp_path):
     np.testing.assert_array_equal(table.find("a", (), "force").values, [1.0, 3.0, 5.0])
     with pytest.raises(BadInputError, match=r"data\.csv row 3, column b: 'four' must be a number"):
         table.find("b", (), "force")
+    table = read_columns(write(tmp_path, "a,b\n1,2\n1_0,3\n"))
+    with pytest.raises(BadInputError, match=r"data\.csv row 3, column a: '1_0' must be a number"):
+        table.find("a", (), "force")
+
+
+def test_a_force_that_is_text_in_a_log_is_not_passed_over_for_another_one(tmp_path):
+    words = xr.Dataset({"measured_force": ("time", ["a", "b"]), "force": ("time", [1.0, 2.0])}, {"time": [0.0, 1.0]})
+    words.to_netcdf(tmp_path / "log.nc", engine="h5netcdf")
+    table = read_columns(tmp_path / "log.nc")
+    with pytest.raises(BadInputError, match=r"log\.nc variable measured_force has values of type .*: must be numbers"):
+        table.find(None, ("measured_force", "force"), "force")
 
 
 def test_files_that_are_no_tables(tmp_path):

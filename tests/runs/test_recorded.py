@@ -109,6 +109,12 @@ def renamed(old, new):
         (changed("time [s]", 100, TIME[99]), "row 102: the same time as row 101"),
         (changed("time [s]", 100, TIME[97]), "row 102: an earlier time than row 101"),
         (changed("time [s]", 100, TIME[100] + 0.2 * TS), "row 102: .* the others 0.002 s: sampling must be regular"),
+        (
+            changed("time [s]", 100, 1e300),
+            r"row 102: a time of 1e\+300 s is no time of a record: must be at most 1e\+10",
+        ),
+        (good(**{"time [s]": 1e300 * TIME}), r"row 3: a time of 2e\+297 s is no time of a record"),
+        (good(**{"time [s]": 1e-9 * TIME}), "a period of 2e-12 s is that of no record: must be at least 1e-06 s"),
         (good(**{"displacement [m]": np.full(U.size, 0.5)}), r"displacement \[m\] is constant at 0.5.*must move it"),
         (good(**{"force [N]": np.zeros(U.size)}), r"force \[N\] is constant at 0.*is there contact"),
         (good(**{"force [N]": np.minimum(Y, 15.0)}), r"force \[N\]: stands still at 15 .*saturated"),

@@ -16,7 +16,7 @@ from forcectl.runs import run as run_module
 from forcectl.runs.logs import read_netcdf
 from forcectl.runs.reproduce import InterruptedReproductionError
 from forcectl.scenario.catalog import find_scenario
-from forcectl.scenario.scenario import select_variants
+from forcectl.scenario.layers import select_variants
 from tests.examples.experiment_runs import run_experiment, run_variant
 
 QUICK = """

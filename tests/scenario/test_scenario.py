@@ -15,15 +15,8 @@ from forcectl.force.integral import IntegralConfig
 from forcectl.framework.yaml_tree import Tagged, dump, parse
 from forcectl.motion.references import SequenceConfig, StepConfig
 from forcectl.scenario import catalog
-from forcectl.scenario.scenario import (
-    ONLY_VARIANT,
-    as_file,
-    build,
-    load_scenario,
-    resolve,
-    resolved_tree,
-    select_variants,
-)
+from forcectl.scenario.layers import ONLY_VARIANT, select_variants
+from forcectl.scenario.scenario import as_file, build, load_scenario, resolve, resolved_tree
 from tests.examples.experiment_runs import fidelities_of
 
 

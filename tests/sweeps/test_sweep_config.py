@@ -46,6 +46,12 @@ START = 'scenario: fig_2_7\nvariant: "K_I = 1.5 1/s"\noverrides: {station.fideli
         (START + "findings: {'': a > 1}", "sweep.yaml:4: findings: the name '' must be 1 to 200 printable characters"),
         (START + "arms: {'': {duration: 1}}", "sweep.yaml:4: arms: the name '' must be 1 to 200 printable characters"),
         (START + "arms:\n  a: {seed: 1}\n  b: {seed: 1}", "sweep.yaml:6: arms.b = {'seed': 1}: must be other values"),
+        ('scenario: !Import {path: "os:system"}', "sweep.yaml:1: scenario = {'path': 'os:system'}: must be a name"),
+        (START + "arms: {a: {}, A: {seed: 1}}", "sweep.yaml:4: arms: the name 'A' must differ from 'a' by more than"),
+        (
+            START + "arms: {a: {seed: 1, duration: 2}, b: {duration: 2, seed: 1}}",
+            "arms.b = {'duration': 2, 'seed': 1}: must be other values than those of arms.a",
+        ),
         (START + "arms: {a: {}, b: {}}\n", "sweep.yaml:4: arms.b = {}: must be other values than those of arms.a"),
         (START + "arms: {a: {}}\ncompare: [a, a]", "sweep.yaml:5: compare.1 = 'a': must be another one than those"),
         (START + "arms: {a: {}}\ncompare: [a]", "sweep.yaml:5: compare = ['a']: must be at least two arms"),

@@ -119,8 +119,8 @@ class DisturbanceObserverConfig(Config, LawConfig, in_batches=True):
         None, "T_m, command to measured force; null: the sensor's", unit="s", bounds="not negative", each=True
     )
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the nominal closed loop."""

@@ -148,8 +148,8 @@ class AdaptiveAdmittanceConfig(Config, in_batches=True):
     inertia: float = key(26.5, "H of the target impedance", unit="kg", bounds="positive", each=True)
     damping: float = key(2650.0, "D of the target impedance", unit="N s/m", bounds="positive", each=True)
     adaptation_rate: float = key(0.3, "s of the adaptation", unit="1/s", bounds="positive", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
 
     def reference_model_bandwidth(self) -> float | None:
         """None: it depends on the surface."""
@@ -184,8 +184,8 @@ class ImpedanceConfig(Config, in_batches=True):
     )
     reference_filter: float = key(0.67, "T_F", unit="s", bounds="positive", each=True)
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth 1/T_F [rad/s] with the right compliance."""

@@ -39,8 +39,8 @@ class PidConfig(Config, in_batches=True):
     feed_forward: float = key(0.0, "K_F; 1: all of the depth", unit="1", bounds="not negative", each=True)
     feed_forward_filter: float = key(0.0, "T_F", unit="s", bounds="not negative", each=True)
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
 
     def reference_model_bandwidth(self) -> float | None:
         """Pole K_I/(1 + K_P) [rad/s] of the loop around F = -dx/C_T in continuous time, without derivative."""

@@ -241,8 +241,8 @@ class InvarianceLimits(Config, LawConfig):
     )
     compliance_error: float = key(1.0, "C_T_hat / C_T of the constraint", bounds="from 0.001 to 1000", each=True)
     speed_limit: float = key(inf, "largest speed of the command", unit="m/s", bounds="above zero", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
 
     def block(self, kind: type[_Law], model: PlantModel, compliance: ArrayLike | None) -> _Law:
         """The block whose model has this total compliance [m/N], or a port for it (None)."""

@@ -293,8 +293,8 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
         each=True,
     )
     rest_region: float = key(0.3, "force error within which the law rests", unit="N", bounds="not negative", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

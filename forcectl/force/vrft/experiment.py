@@ -168,8 +168,8 @@ class RecursiveVrftConfig(Config):
     convergence_tolerance: float = key(0.01, "share by which the gains may change then", bounds="not negative")
     derivative_filter: float = key(0.0, "T_D; 0: the derivative of (4.20)", unit="s", bounds="from 0 to 100")
     robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="from 0 to 1000")
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="at least -10, below zero")
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero, at most 10")
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001")
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10")
 
     finds_gains: ClassVar[tuple[str, ...]] = GAINS
 

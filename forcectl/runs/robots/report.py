@@ -18,7 +18,7 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.models import ROBOT_PARAMETERS, robot_folder
-from forcectl.robot.assumptions import ACCELERATION_TIME
+from forcectl.robot.assumptions import ACCELERATION_TIME, check_drives
 from forcectl.robot.model_file import ModelFile, add_models
 from forcectl.robot.parameters import ControlParameters, missing_limits
 from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
@@ -183,6 +183,10 @@ def _examine(report: RobotReport, model: Path, keys: Tagged) -> None:
     some["default_posture_deg"] = _within(plant, values["arm_joints"])
     parameters = Reader().dataclass(ControlParameters, Tagged(values | {name: some[name] for name in unknown}))
     explorer = Explorer(report.folder, parameters)
+    if not {"velocity_limit", "torque_limit"} & unknown:
+        torque = np.array([actuator.effort_limit() for actuator in explorer.parts.actuators])
+        origin = next(report.folder.glob(ROBOT_PARAMETERS), model)
+        check_drives(explorer.parts.parameters, torque, origin.name)
     parameters, found = explorer.parts.parameters, explorer.explore(parameters.characteristic_length)
     posture = found.posture if "default_posture_deg" in unknown else parameters.default_posture
     robot = report.robot = Understood(parameters, explorer, found, posture)

@@ -14,7 +14,8 @@ import xarray as xr
 from forcectl.errors import BadInputError, unknown
 from forcectl.framework.yaml_tree import Tagged
 from forcectl.scenario.catalog import ScenarioFile, tags_of
-from forcectl.scenario.scenario import Scenario, as_file, build, resolve, select_variants, with_shortcuts
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import Scenario, as_file, build, resolve, with_shortcuts
 from forcectl.scenario.trees import to_tree
 from forcectl.sweeps.at_work import SweepProgress
 from forcectl.sweeps.faults.declared import SOUND, Changes, DeclaredFault, changes_of, chosen

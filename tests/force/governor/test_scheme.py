@@ -11,7 +11,8 @@ from forcectl.force.governor.governor import CommandGovernor, GovernedConfig
 from forcectl.force.governor.scheme import EquivalentScheme
 from forcectl.force.governor.stability import feedback_weight, spectral_radius
 from forcectl.scenario.catalog import find_scenario
-from forcectl.scenario.scenario import load_scenario, select_variants
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import load_scenario
 from forcectl.testing import run_diagram
 from tests.force.governor.test_governor import PERIOD, model_loop
 

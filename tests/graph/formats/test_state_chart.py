@@ -19,7 +19,8 @@ from forcectl.graph.layout.marks import Label, Rectangle, Stroke
 from forcectl.graph.layout.shapes import SIGNAL_SIZE, text_width
 from forcectl.graph.layout.state_chart import chart_picture
 from forcectl.scenario.catalog import experiments_folder
-from forcectl.scenario.scenario import as_file, resolve, select_variants
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import as_file, resolve
 from forcectl.tasks.machine.chart import ChartArrow, ChartMode, MachineChart
 from forcectl.tasks.machine.modes import machine_chart
 from tests.examples.machines import cap, peg, random_modes

@@ -16,7 +16,8 @@ from forcectl.graph.formats.picture import Layouter
 from forcectl.graph.layout.sorting.measure import count_bends, count_crossings
 from forcectl.graph.model import Block
 from forcectl.scenario.catalog import list_experiments
-from forcectl.scenario.scenario import as_file, build, resolve, select_variants
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import as_file, build, resolve
 from tests.examples.elk import as_elk, laid_out
 
 DEPTHS = (1, 2)

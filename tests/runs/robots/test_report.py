@@ -221,6 +221,10 @@ def _gone(folder):
     write_planar_robot(folder, CONTROL.replace("planar.urdf", "plan.urdf"))
 
 
+def _stuck(folder):
+    write_planar_robot(folder, CONTROL.replace("coulomb_friction: [0, 0, 0]", "coulomb_friction: [0, 1.0e4, 0]"))
+
+
 def _sdf(folder):
     folder.mkdir()
     (folder / "arm.sdf").write_text("<sdf version='1.7'><model name='a'><link name='x'><pose>a b</pose></link></model>")
@@ -246,6 +250,10 @@ MISTAKES = [
     (_yaml, "not valid YAML"),
     (_list, "is no mapping"),
     (_gone, "model = 'plan.urdf': there is no such file"),
+    (
+        _stuck,
+        "planar.control.yaml: coulomb_friction = [0.0, 10000.0, 0.0]: must be with friction_offset below the torque",
+    ),
     (_sdf, "arm.sdf: cannot be read"),
     (_mujoco, "arm.xml"),
     (_binary, "arm.urdf: cannot be read: not valid XML"),

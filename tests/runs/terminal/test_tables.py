@@ -29,7 +29,8 @@ from forcectl.runs.terminal.tables import (
 from forcectl.runs.tuning_report import gains_table
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.expectations import Verdict, judge
-from forcectl.scenario.scenario import resolve, select_variants
+from forcectl.scenario.layers import select_variants
+from forcectl.scenario.scenario import resolve
 from forcectl.tuning.controller_basis import continuous_pid, discrete_pid, fir
 
 
