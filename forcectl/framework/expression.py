@@ -83,12 +83,42 @@ class Expression:
                 raise unknown(kind, name, names).at(self._key)
 
     def check_condition(self) -> None:
-        """Raise BadInputError unless the expression is a condition: every part of it compares something with a name."""
+        """Raise BadInputError unless the expression is a condition that can hold.
+
+        Every part of it compares something with a name, and what is compared with is a number.
+        """
         for part in _parts_of_condition(self._tree):
+            shown = "" if part is self._tree else f": {ast.unparse(part)!r}"
             if not isinstance(part, ast.Compare) or not any(map(_dotted, ast.walk(part))):
-                shown = "" if part is self._tree else f": {ast.unparse(part)!r}"
                 example = "a comparison of a name, such as overshoot_pct <= 5"
                 raise BadInputError(f" = {self.text!r}{shown}: must be {example}", key=self._key)
+            for term in (part.left, *part.comparators):
+                value = None if any(self._names(term)) else self._value_or_none(term, {})
+                if not any(self._names(term)) and (value is None or value in (math.inf, -math.inf)):
+                    text = f" = {self.text!r}: {ast.unparse(term)!r} must be a number"
+                    raise BadInputError(text, key=self._key)
+        for side, (low, high) in self.limits().items():
+            if low > high:
+                raise BadInputError(f" = {self.text!r}: no {side} is so: must be able to hold", key=self._key)
+
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest value of what is compared with numbers at which the condition can hold.
+
+        What is compared is named as written, such as abs(touch.force_z). Nothing is said of parts within `or` and
+        `not`.
+        """
+        found: dict[str, tuple[float, float]] = {}
+        for part in _joined(self._tree):
+            terms = [part.left, *part.comparators]
+            for op, (left, right) in zip(part.ops, pairwise(terms), strict=True):
+                for side, other, mirrored in ((left, right, False), (right, left, True)):
+                    number = None if any(self._names(other)) else self._value_or_none(other, {})
+                    if isinstance(number, float) and any(self._names(side)):
+                        name = ast.unparse(side)
+                        low, high = found.get(name, (0.0 if name.startswith("abs(") else -math.inf, math.inf))
+                        least, most = _held(type(op), number, mirrored)
+                        found[name] = max(low, least), min(high, most)
+        return found
 
     def __call__(self, values: Mapping[str, Any]) -> Any:
         """The value of the expression; None where it has none.
@@ -211,6 +241,26 @@ def _parts_of_condition(node: ast.expr) -> Iterable[ast.expr]:
         return
     for part in inner:
         yield from _parts_of_condition(part)
+
+
+def _joined(node: ast.expr) -> Iterable[ast.Compare]:
+    """The comparisons that must all hold."""
+    if isinstance(node, ast.Compare):
+        yield node
+    elif isinstance(node, ast.BoolOp) and isinstance(node.op, ast.And):
+        for part in node.values:
+            yield from _joined(part)
+
+
+def _held(op: type, number: float, mirrored: bool) -> tuple[float, float]:
+    """Lowest and highest x for which `x op number` holds; mirrored: `number op x`."""
+    if op is ast.Eq:
+        return number, number
+    if op is ast.NotEq:
+        return -math.inf, math.inf
+    toward = math.inf if (op in (ast.Gt, ast.GtE)) != mirrored else -math.inf
+    bound = math.nextafter(number, toward) if op in (ast.Gt, ast.Lt) else number
+    return (bound, math.inf) if toward > 0 else (-math.inf, bound)
 
 
 def _dotted(node: ast.AST) -> str:

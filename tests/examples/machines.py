@@ -84,13 +84,13 @@ def random_modes(rng: np.random.Generator) -> Modes:
     for i, name in enumerate(names):
         others = [other for other in [*names, "done"] if other != name]
         exits = [
-            exit_to(str(rng.choice(others)), str(rng.choice(guards)), float(rng.choice([0.0, 0.0, 0.008, 0.02])))
-            for _ in range(rng.integers(0, 3))
+            exit_to(str(rng.choice(others)), str(guard), float(rng.choice([0.0, 0.0, 0.008, 0.02])))
+            for guard in rng.choice(guards, rng.integers(0, 3), replace=False)
         ]
         if name == "d":
             exits.append(exit_to("done", "x > 0.95 and p.u > 0.9"))
         following = [*names, "failed"][i + 1]  # so that all modes can be reached
-        timeout = float(rng.choice([0.012, 0.03, 0.2]))
+        timeout = float(rng.choice([0.044, 0.06, 0.2]))
         named = name == "a" or rng.random() < 0.3
         grippers = {"left": str(rng.choice(["open", "closed"]))} if named else {}
         tare = bool(rng.random() < 0.3)

@@ -1,3 +1,6 @@
+import math
+import re
+
 import pytest
 
 from forcectl.errors import BadInputError
@@ -76,3 +79,35 @@ def test_terms_that_do_not_go_together_are_told():
 def test_a_name_that_is_not_known_is_told_with_the_nearest():
     with pytest.raises(BadInputError, match=r"constraints.0: unknown varied key 'stifness': did you mean 'stiffness'"):
         Expression("stifness > 1", "constraints.0").check_names(["stiffness"], "varied key")
+
+
+@pytest.mark.parametrize(
+    ("text", "limits"),
+    [
+        ("a > 1 and a < 3", {"a": (math.nextafter(1, 2), math.nextafter(3, 2))}),
+        ("1 <= a <= 3", {"a": (1.0, 3.0)}),
+        ("3 > a and b.c == 2", {"a": (-math.inf, math.nextafter(3, 2)), "b.c": (2.0, 2.0)}),
+        ("abs(a) < 1 and a != 0", {"abs(a)": (0.0, math.nextafter(1, 0)), "a": (-math.inf, math.inf)}),
+        ("a > 2 * 3 and a < b", {"a": (math.nextafter(6, 7), math.inf)}),
+        ("a > 1 or a < 0", {}),
+        ("not (a > 1)", {}),
+    ],
+)
+def test_between_which_values_a_condition_can_hold(text, limits):
+    assert Expression(text).limits() == limits
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a > 2 and 1 > a", "no a is so: must be able to hold"),
+        ("a < 1 and a > 1", "no a is so"),
+        ("2 < a < 1", "no a is so"),
+        ("a > 1 and b < 1 / 0", "'1 / 0' must be a number"),
+        ("a > (-1) ** 0.5", "must be a number"),
+    ],
+)
+def test_a_condition_that_cannot_hold_is_refused(text, told):
+    with pytest.raises(BadInputError, match=re.escape(told)):
+        Expression(text, "success").check_condition()
+    Expression("a >= 1 and a <= 1 and b == 'wood'").check_condition()

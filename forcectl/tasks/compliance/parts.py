@@ -31,12 +31,14 @@ _OF_COMPLIANCE = {"force": 0.0, "speed_limit": [], "inertia": None, "damping": N
 class AdmittanceGainsConfig(Config):
     """Inertia H and damping D of coordinates that comply, in metres and in radians."""
 
-    inertia: float = key(0.4, "H of positions", unit="kg", bounds="positive")
-    damping: float = key(30.0, "D of positions", unit="N s/m", bounds="positive")
-    turn_inertia: float = key(0.01, "H of rotations", unit="kg m^2/rad", bounds="positive")
-    turn_damping: float = key(0.2, "D of rotations", unit="Nms/rad", bounds="positive")
-    hysteresis: float = key(0.0, "h: forces are followed once they turned back by 2 h", unit="N", bounds="not negative")
-    turn_hysteresis: float = key(0.0, "the same of torques", unit="Nm", bounds="not negative")
+    inertia: float = key(0.4, "H of positions", unit="kg", bounds="above 0 and at most 10000")
+    damping: float = key(30.0, "D of positions", unit="N s/m", bounds="from 0.1 to 1000000")
+    turn_inertia: float = key(0.01, "H of rotations", unit="kg m^2/rad", bounds="above 0 and at most 10000")
+    turn_damping: float = key(0.2, "D of rotations", unit="Nms/rad", bounds="from 0.001 to 100000")
+    hysteresis: float = key(
+        0.0, "h: forces are followed once they turned back by 2 h", unit="N", bounds="from 0 to 100"
+    )
+    turn_hysteresis: float = key(0.0, "the same of torques", unit="Nm", bounds="from 0 to 100")
 
 
 @dataclass(kw_only=True)
@@ -44,8 +46,8 @@ class SwingConfig(Config):
     """A sine that is added to the reference; two of them, 90 degrees apart, are a circle or a spiral."""
 
     frequency: float = key(meaning="of the swing", unit="Hz", bounds="above 0 and at most 20")
-    amplitude: float = key(0.0, "reached after the first period", unit="m or rad", bounds="not negative")
-    growth: float = key(0.0, "of the amplitude in time", unit="m/s or rad/s", bounds="not negative")
+    amplitude: float = key(0.0, "reached after the first period", unit="m or rad", bounds="from 0 to 10")
+    growth: float = key(0.0, "of the amplitude in time", unit="m/s or rad/s", bounds="from 0 to 10")
     phase_deg: float = key(0.0, "of the sine", unit="deg")
 
     def __post_init__(self) -> None:
@@ -76,10 +78,12 @@ class ReferenceConfig(Config):
 
     position: float | None = key(None, "where it goes", unit="m or rad", bounds="from -10 to 10")
     by: float | None = key(None, "how far it goes from where the mode began", unit="m or rad", bounds="from -10 to 10")
-    velocity: float | None = key(None, "that it takes on", unit="m/s or rad/s")
+    velocity: float | None = key(None, "that it takes on", unit="m/s or rad/s", bounds="from -10 to 10")
     swing: SwingConfig | None = key(None, "that is added")
     comply: bool = key(False, "whether it gives way to the force along it")
-    force: float = key(0.0, "to which it gives way only beyond: the desired one", unit="N or Nm")
+    force: float = key(
+        0.0, "to which it gives way only beyond: the desired one", unit="N or Nm", bounds="from -1000 to 1000"
+    )
     speed_limit: list[float] = key(
         [], "lowest and highest speed of giving way; empty: none", unit="m/s or rad/s", size=2
     )

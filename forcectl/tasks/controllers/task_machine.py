@@ -63,8 +63,8 @@ class TaskMachineConfig(TaskControllerConfig):
     always: list[ExitConfig] = key([], "transitions of every mode but ends, looked at before its own")
     longest_gap: float = key(LONGEST_GAP, "of such signals, that is passed over", unit="s", bounds="not negative")
     admittance: AdmittanceGainsConfig = key(AdmittanceGainsConfig, "of coordinates that comply")
-    force_dead_band: float = key(0.0, "of forces that are complied to", unit="N", bounds="not negative")
-    torque_dead_band: float = key(0.0, "of torques that are complied to", unit="Nm", bounds="not negative")
+    force_dead_band: float = key(0.0, "of forces that are complied to", unit="N", bounds="from 0 to 100")
+    torque_dead_band: float = key(0.0, "of torques that are complied to", unit="Nm", bounds="from 0 to 100")
     of_both: bool = key(True, "whether forces of relative tasks are the mean of what both arms feel; else the follower")
 
     def __post_init__(self) -> None:

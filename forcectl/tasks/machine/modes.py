@@ -5,21 +5,25 @@ A machine is refused, in one line with the key, when
 * `start`, `to`, `on_timeout` or `on_bad_signal` is no mode of it, or a transition of a mode leads back to it;
 * a mode is neither an end nor has a timeout, is both, or cannot be reached from the start;
 * the timeouts alone do not lead from each mode to an end: a machine none of whose guards ever holds ends, too;
-* no mode is a success, or a failure has no reason;
+* a guard compares nothing with a signal, or cannot hold before the timeout; a second one is the same as the first;
+* no mode is a success, or a failure has no reason, or another mode has one;
 * a name of a mode is not made of letters, digits and _, or a gripper is neither open nor closed.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.expression import Expression
 from forcectl.framework.fields import Config, key
 from forcectl.tasks.machine.chart import ChartArrow, ChartMode, MachineChart
 
 GRIPPERS = ("open", "closed")
 LONGEST_GAP = 0.05  # [s]
+_SWITCHES = ("reached", "stalled", "gripper_holds")  # signals that are 0 or 1
 
 
 @dataclass(kw_only=True)
@@ -67,6 +71,7 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
         _check_mode("on_bad_signal", on_bad_signal, modes)
     for i, exit_ in enumerate(always):
         _check_mode(f"always.{i}.to", exit_.to, modes)
+    _check_guards("always", always)
     for name, mode in modes.items():
         _check_ways(f"modes.{name}", name, mode, modes)
         for arm, state in mode.grippers.items():
@@ -134,6 +139,9 @@ def _check_ways(place: str, name: str, mode: MachineModeConfig, modes: Modes) ->
                 raise invalid(f"{place}.{key}", getattr(mode, key), "left out in an end")
         if mode.end == "failure" and not mode.reason.strip():
             raise invalid(f"{place}.reason", mode.reason, "given in words in a failure")
+    if mode.reason and mode.end != "failure":
+        raise invalid(f"{place}.reason", mode.reason, "left out: only a failure has one")
+    if mode.end:
         return
     if mode.timeout is None:
         if not mode.exits:
@@ -144,6 +152,27 @@ def _check_ways(place: str, name: str, mode: MachineModeConfig, modes: Modes) ->
         _check_mode(key, target, modes)
         if target == name:
             raise invalid(key, target, "another mode than this one")
+    _check_guards(f"{place}.exits", mode.exits, mode.timeout)
+
+
+def _check_guards(place: str, exits: Sequence[ExitConfig], timeout: float = math.inf) -> None:
+    """Each guard can hold before the timeout, and none counts after another one that is the same."""
+    for i, exit_ in enumerate(exits):
+        key = f"{place}.{i}.when"
+        condition = Expression(exit_.when, key)
+        condition.check_condition()
+        limits = condition.limits()
+        for name, (low, high) in limits.items():
+            if name.partition(".")[0] in _SWITCHES and (low > 1 or high < 0):
+                raise BadInputError(f" = {exit_.when!r}: {name} is 0 or 1: must be able to hold", key=key)
+        low, high = limits.get("time", (0.0, 0.0))
+        if low >= timeout or high < 0:
+            raise invalid(key, exit_.when, f"true before the timeout, {timeout:g} s")
+        if exit_.hold >= timeout:
+            raise invalid(f"{place}.{i}.hold", exit_.hold, f"below the timeout, {timeout:g} s")
+        for j, first in enumerate(exits[:i]):
+            if "".join(first.when.split()) == "".join(exit_.when.split()) and first.hold <= exit_.hold:
+                raise invalid(key, exit_.when, f"another guard than that of {j}, which counts first")
 
 
 def _reached(modes: Modes, begins: Sequence[str]) -> set[str]:

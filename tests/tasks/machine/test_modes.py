@@ -39,6 +39,12 @@ BAD = {
     "an end with exits": (changed("stuck", exits=[exit_to("missed", "time > 1")]), "modes.stuck.exits = "),
     "an end with a timeout": (changed("stuck", timeout=1.0), "modes.stuck.timeout = 1.0: must be left out"),
     "no reason": (changed("stuck", reason=" "), "modes.stuck.reason = ' ': must be given in words in a failure"),
+    "a reason of no failure": (changed("inserted", reason="why"), "modes.inserted.reason = 'why': must be left out"),
+    "a guard that holds too long": (stopping(hold=1.0), "modes.stopping.exits.0.hold = 1.0: must be below the timeout"),
+    "a guard twice": (
+        lambda modes: changed("stopping", exits=[modes["stopping"].exits[0]] * 2)(modes),
+        "modes.stopping.exits.1.when = 'abs(touch.force_z) < 0.5': must be another guard than that of 0",
+    ),
     "no success": (changed("inserted", end="failure", reason="why"), "modes: one of them must be a success"),
     "a ring of timeouts": (
         lambda modes: without("no_contact")(
@@ -99,6 +105,15 @@ GUARDS = {
     "touch.force_z >": " = 'touch.force_z >': must be an expression",
     "touch.force_z == 'high'": ".*must be of signals and numbers, without texts",
     "open(touch.force_z)": ".*cannot stand here",
+    "touch.force_z": ".*must be a comparison of a name",
+    "1 > 0": ".*must be a comparison of a name",
+    "1 / 0 > time": ".*'1 / 0' must be a number",
+    "9 ** 9 ** 9 ** 9 > time": ".*must be a number",
+    "time > 3 and time < 2": ".*no time is so: must be able to hold",
+    "abs(touch.force_z) < 0": r".*no abs\(touch.force_z\) is so",
+    "reached > 5": ".*reached is 0 or 1: must be able to hold",
+    "time < 0": ".*must be true before the timeout, 1 s",
+    "touch.force_z > 1 and time >= 5": ".*must be true before the timeout, 1 s",
 }
 
 

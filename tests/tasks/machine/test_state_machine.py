@@ -178,7 +178,7 @@ def test_the_first_of_the_exits_that_hold_counts_and_the_timeout_comes_last():
     assert run_two([0.0], exits[1], timeout=0.02) == ("failed", 0.02, 0.02)
 
 
-@pytest.mark.parametrize("guard", ["x > 1", "not (x > 1)", "x != 1", "x > 1 or time > 0", "x"])
+@pytest.mark.parametrize("guard", ["x > 1", "not (x > 1)", "x != 1", "x > 1 or time > 0"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_bad_signal_never_holds_and_leads_to_its_own_end(guard, value):
     """The fourteenth bad tick is the first beyond 0.05 s; without a mode for it there is the timeout."""
@@ -220,7 +220,7 @@ def test_a_guard_without_a_value_does_not_hold(guard):
 def test_a_task_is_tried_again_so_many_times():
     modes = {
         "attempt": mode(exit_to("failed", "visits > 3"), exit_to("again", "time > 0.01"), timeout=1.0),
-        "again": mode(exit_to("attempt", "time > 0.01"), exit_to("done", "time > 1"), timeout=1.0),
+        "again": mode(exit_to("attempt", "time > 0.01"), exit_to("done", "time > 1"), timeout=2.0),
         "done": end("success"),
         "failed": end("failure", "three attempts were not enough"),
     }
