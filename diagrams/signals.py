@@ -102,6 +102,8 @@ class ProjectionConfig(Config):
                 raise invalid("along", self.along, "normal, or three numbers")
         else:
             unit_normal(self.along, "along")
+        if self.factor == 0:
+            raise invalid("factor", self.factor, "not zero")
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """A gain on the wrenches.

@@ -49,6 +49,9 @@ def graph(
     chosen = format_ or (export.format_of(out) if out is not None and out.suffix else "svg")
     if chosen not in export.FORMATS:
         raise unknown("format", chosen, export.FORMATS)
+    ending = out.suffix.lower()[1:] if out is not None else chosen
+    if ending in export.FORMATS and ending != chosen:
+        raise BadInputError(f"--format {chosen}: must be that of --out {str(out)!r}, or be left out")
     name, content = (named_machine if machine else named_diagram)(scenario, variant, settings, fidelity, allow_imports)
     target = out or Path(f"{name}.{'mmd' if chosen == 'mermaid' else chosen}")
     partial = target.with_name(f".partial-{target.name}")

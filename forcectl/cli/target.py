@@ -30,12 +30,14 @@ def parse_settings(settings: Iterable[str] | None) -> dict[str, Any]:
     Raises:
         BadInputError: no equals sign, no key, or a value that is not YAML.
     """
-    found = {}
+    found: dict[str, Any] = {}
     for text in settings or ():
         key, equals, value = text.partition("=")
         key = key.strip()
         if not equals or not all(key.split(".")):
             raise BadInputError(f"--set {text!r}: must be key=value, for example station.environment.stiffness=2e5")
+        if earlier := next((other for other in found if f"{other}.".startswith(f"{key}.")), ""):
+            raise BadInputError(f"--set {text!r}: must not replace what --set {earlier} sets before it")
         found[key] = parse(value, f"--set {key}")
     return found
 

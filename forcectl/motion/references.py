@@ -226,6 +226,10 @@ class FileConfig(_ForceReference, Config, in_batches=True):
             with _in_column(self.path, "force"):
                 check("force", f, "not negative")
 
+    def first_time(self) -> float:
+        """From when on there are forces [s]."""
+        return read_signal(self.path, "force")[0][0]
+
     def trajectory(self) -> PiecewisePolynomial:
         """The reference over time [N]."""
         times, forces = read_signal(self.path, "force")

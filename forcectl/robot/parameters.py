@@ -201,7 +201,7 @@ class ControlParameters(Config):
         if not self.arms:
             raise BadInputError(f"{self.model} has one arm, which needs no name: leave out '/{arm}'")
         if arm not in self.arms:
-            raise unknown(f"arm of {self.model}", arm, self.arms)
+            raise unknown(f"arm of {self.model}", arm, self.arms).at("robot")
         joints = self.arms[arm].joints
         first = self.arm_joints.index(joints[0])
         mine = slice(first, first + len(joints))

@@ -100,6 +100,7 @@ class Expectation(Config):
             _check_metric(self.metric)
         if (self.distance_to is not None) != (self.metric in PAIR_METRICS):
             raise BadInputError(f"target {self.target!r}: force_distance_N and distance_to must go together")
+        self._check_terms()
         if self.tolerance is not None and not isinstance(self.published, float):
             raise invalid("published", self.published, "a number, because there is a tolerance")
         if self.drift is not None and self.expected is None:
@@ -111,6 +112,20 @@ class Expectation(Config):
             raise BadInputError(
                 f"target {self.target!r} is missing what to judge by: must have tolerance, minimum or maximum"
             )
+
+    def _check_terms(self) -> None:
+        """A metric is compared with another one, of the same unit where it is subtracted."""
+        if self.minus is not None and self.ratio is not None:
+            raise BadInputError(f"target {self.target!r}: minus and ratio must not go together")
+        for name, term in (("minus", self.minus), ("ratio", self.ratio)):
+            if term is not None and (term.metric, term.variant or self.variant) == (self.metric, self.variant):
+                raise invalid(f"{name}.metric", term.metric, "another metric, or that of another variant")
+        if self.distance_to is not None and self.distance_to.variant == self.variant:
+            raise invalid("distance_to.variant", self.distance_to.variant, "another variant")
+        if self.minus is not None:
+            unit, other = metric_unit(self.metric), metric_unit(self.minus.metric)
+            if unit and other and unit != other:
+                raise invalid("minus.metric", self.minus.metric, f"a metric in {unit}, as {self.metric}")
 
     def _check_limits(self) -> None:
         """Something passes between minimum and maximum; what the run gave does, where there is no gap."""
@@ -128,6 +143,9 @@ class Expectation(Config):
         for i, name in enumerate(self.fidelities):
             if name in self.fidelities[:i]:
                 raise invalid(f"fidelities.{i}", name, "another one than those before it")
+        for name in self.gaps if self.fidelities else ():
+            if name not in self.fidelities:
+                raise invalid(f"gaps.{name}", self.gaps[name], "left out: the line is not judged there")
         known = self.expected if isinstance(self.expected, dict) else {"": self.expected}
         for name, value in known.items():
             judged = not name or not self.fidelities or name in self.fidelities

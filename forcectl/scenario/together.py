@@ -49,6 +49,11 @@ def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
     begin, end = scenario.motion.interval() or (0.0, 0.0)
     if end - begin > LONGEST_DURATION:
         raise BadInputError(f" takes {end - begin:.3g} s: must take at most {LONGEST_DURATION:g} s", key="motion")
+    if hasattr(scenario.reference, "first_time") and "duration" not in overrides:
+        first = scenario.reference.first_time()
+        if first >= scenario.duration:
+            text = f" begins at {first:g} s: must begin before duration = {scenario.duration:g} s"
+            raise BadInputError(text, key="reference.path")
     _check_directions(scenario)
     _check_expectations(scenario)
 
@@ -76,6 +81,10 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
         )
     if "desired_force" in loop.signals:
         _check_forces(scenario)
+        largest = scenario.findings.largest_force
+        if largest is not None and largest < scenario.reference.largest_force():
+            allowed = f"at least the largest desired force, {scenario.reference.largest_force():g} N"
+            raise invalid("findings.largest_force", largest, allowed)
     for i, name in enumerate(scenario.log):
         if name in scenario.log[:i]:
             raise invalid(f"log.{i}", name, "another one than those before it")
@@ -111,7 +120,8 @@ def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
                     continue
                 start = getattr(part, field.name)
                 if isinstance(start, list):
-                    yield from ((f"{key}.{field.name}.{i}", float(each)) for i, each in enumerate(start))
+                    each = start if name == "reference" else start[:1]  # the last speed of a motion lasts on
+                    yield from ((f"{key}.{field.name}.{i}", float(time)) for i, time in enumerate(each))
                 elif isinstance(start, int | float):
                     yield join(key, field.name), float(start)
 

@@ -96,7 +96,7 @@ class SweepConfig(Config):
             raise invalid("trials", self.trials, "left out: a grid has as many points as its lists give")
         if not (self.keys or self.cases) and self.design != "grid":
             raise invalid("keys", {}, f"at least one key for the design {self.design}")
-        for name in ("seed", "variants"):
+        for name in _INSTEAD:
             if name in self.keys:
                 raise BadInputError(f" cannot be varied: {_INSTEAD[name]}", key=f"keys.{name}")
         if self.repeat is not None and not self.success:
@@ -156,7 +156,9 @@ class SweepConfig(Config):
         return found
 
 
-_INSTEAD = {"seed": "use `seeds`", "variants": "use `arms`"}
+_INSTEAD = {"seed": "use `seeds`", "variants": "use `arms`"} | dict.fromkeys(
+    ("title", "source", "description"), "it says nothing of what is simulated"
+)
 
 
 @dataclass(frozen=True)

@@ -64,8 +64,8 @@ def test_difference_and_ratio_with_another_variant():
 
 def test_the_variant_left_out_is_the_first_and_a_term_takes_the_one_of_the_line():
     assert verdict(metric="overshoot_pct", minimum=0.0).ours == 4.0
-    both = verdict(metric="overshoot_pct", variant="b", minus=Term(metric="rise_time_s"), minimum=0.0)
-    assert both.ours == 9.5
+    both = verdict(metric="overshoot_pct", variant="b", ratio=Term(metric="rise_time_s"), minimum=0.0)
+    assert both.ours == 20.0
 
 
 def test_an_undefined_value_misses_and_says_why():

@@ -31,7 +31,7 @@ REFUSED = [
     ("station: {sensors: {'': !WristForce {}}}", "station.sensors: the name '' must be 1 to 100 printable"),
     ("station: {sensors: {\"a\\nb\": !WristForce {}}}", "station.sensors: the name 'a\\nb' must be 1 to 100 printable"),
     ("station: {sensors: {force: {damping_ratio: 100}}}", "force.damping_ratio = 100.0: must be from 0.01 to 10"),
-    ("station: {sensors: {force: {faults: [{kind: noise, value: -5}]}}}", "value = -5.0: must be not negative for noi"),
+    ("station: {sensors: {force: {faults: [{kind: noise, value: -5}]}}}", "value = -5.0: must be positive for noise"),
     # times
     ("duration: 2\nreference: !Step {start_time: 3}", "reference.start_time = 3.0: must be below duration = 2 s"),
     ("duration: 2\nreference: !Sequence {times: [2, 3], forces: [1, 2]}", "reference.times.0 = 2.0: must be below"),
@@ -40,12 +40,27 @@ REFUSED = [
     ("duration: 2\nstation: {faults: [!ReadingFault {start: 9}]}", "station.faults.0.start = 9.0: must be below"),
     ("duration: 2\nstation: {sensors: {force: {faults: [{start: 9}]}}}", "station.sensors.force.faults.0.start = 9.0"),
     ("duration: 2\nstation: {loads: [!Load {start: 9, wrenches: [[0, 0, 0, 1, 0, 0]]}]}", "station.loads.0.start = 9."),
-    ("duration: 2\nstation: {environment: {surface: {moves: [{start: 9}]}}}", "environment.surface.moves.0.start = 9."),
+    ("duration: 2\nstation: {environment: {surface: {moves: [{start: 9, distance: 0.01}]}}}", "surface.moves.0.start "),
     ("duration: 0.001\nstation: {period: 0.002}", "duration = 0.001: must be at least station.period = 0.002 s"),
     ("duration: 0.0001", "build", "duration = 0.0001: must be at least a control tick, 0.002 s"),
     ("duration: .inf", "duration = inf: must be a finite number"),
     ("duration: true", "duration = True: must be a number"),
     ("duration: '5'", "duration = '5': must be a number"),
+    ("duration: 50\nreference: !File {path: late.csv}", "reference.path begins at 100 s: must begin before duration"),
+    # surfaces, faults, signals
+    ("station: {environment: {surface: {moves: [{start: 0.1}]}}}", "surface.moves.0.distance = 0.0: must be not zero"),
+    (
+        "station: {environment: {surface: {moves: [{distance: 0.05, duration: 1e-6}]}}}",
+        "surface.moves.0.duration = 1e-06: must be at least 0.005 s, which is 10 m/s",
+    ),
+    (
+        "station: {environment: {surface: {heights: {w: !Waves {amplitude: 0.005, wavelength: 0.01}}}}}",
+        "surface.heights.w.amplitude = 0.005: must be at most 0.00159 m, where the slope is 1 m/m",
+    ),
+    ("station: {sensors: {force: {faults: [{kind: noise}]}}}", "faults.0.value = 0.0: must be positive for noise"),
+    ("station: {sensors: {force: {faults: [{value: 77}]}}}", "faults.0.value = 77.0: must be left out: frozen has non"),
+    ("signals: {measured_force: !Projection {factor: 0}}", "signals.measured_force.factor = 0.0: must be not zero"),
+    ("station: {robot: yumi/middle}", "build", "station.robot: unknown arm of yumi.urdf 'middle': known: left, right"),
     # the guard
     ("guard: {maximum_force: 5}", "build", "guard.maximum_force = 5.0: must be above the largest desired force, 15 N"),
     ("guard: {maximum_force: 1e5}", "build", "guard.maximum_force = 100000.0: must be above the largest desired force"),
@@ -133,6 +148,18 @@ REFUSED = [
         "expect.0.published = 25.0: must be so that something within 4 of it is from -inf to 20",
     ),
     (f"expect: [{LINE}minimum: 21}}]", "expect.0.minimum = 21.0: must be at most maximum = 20"),
+    (f"expect: [{LINE}minus: {{metric: peak_force_N}}}}]", "expect.0.minus.metric = 'peak_force_N': must be another m"),
+    (f"expect: [{LINE}ratio: {{metric: peak_force_N}}}}]", "expect.0.ratio.metric = 'peak_force_N': must be another m"),
+    (f"expect: [{LINE}minus: {{metric: overshoot_pct}}}}]", "minus.metric = 'overshoot_pct': must be a metric in N, a"),
+    (
+        f"expect: [{LINE}minus: {{metric: overshoot_N}}, ratio: {{metric: overshoot_N}}}}]",
+        "expect.0: target 't': minus and ratio must not go together",
+    ),
+    (
+        f"expect: [{LINE}fidelities: [Multibody], gaps: {{Kinematic: why}}}}]",
+        "expect.0.gaps.Kinematic = 'why': must be left out: the line is not judged there",
+    ),
+    ("findings: {largest_force: 1e-9}", "build", "findings.largest_force = 1e-09: must be at least the largest desire"),
     ("fidelities: [Kinematic, Kinematic]", "fidelities.1 = 'Kinematic': must be another one than those before it"),
     # names, types, text
     ("seed: -1", "seed = -1: must be a whole number from 0"),
@@ -159,6 +186,7 @@ def test_nonsense_is_refused_in_one_line(tmp_path, case):
     text, *when, message = case
     file = tmp_path / "own.yaml"
     file.write_text(f"{text}\n")
+    (tmp_path / "late.csv").write_text("time,force\n100,1\n200,5\n")
     with pytest.raises(BadInputError) as caught:
         build(file, fidelity="OneDimensional") if when else load_scenario(file)
     assert str(caught.value).startswith("own.yaml:")

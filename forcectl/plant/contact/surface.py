@@ -248,6 +248,13 @@ class WaveConfig(Config):
     amplitude: float = key(1e-4, "of the height", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
     wavelength: float = key(0.02, "along the path", unit="m", bounds=f"at least {_NARROWEST:g}")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        highest = _STEEPEST_TURNING * self.wavelength / (2 * np.pi)
+        if self.amplitude > highest:
+            slope = f"at most {highest:.3g} m, where the slope is {_STEEPEST_TURNING:g} m/m"
+            raise invalid("amplitude", self.amplitude, slope)
+
     def heights(self, s: Array) -> Array:
         """See `HeightPart`."""
         wave: Array = self.amplitude * np.sin(2 * np.pi / self.wavelength * s)

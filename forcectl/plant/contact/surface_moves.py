@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
 _FURTHEST = 0.05  # [m]
+_FASTEST = 10.0  # [m/s]
 
 
 @dataclass(kw_only=True)
@@ -23,6 +25,14 @@ class SurfaceMoveConfig(Config):
         0.0, "along n; positive: towards the robot", unit="m", bounds=f"from {-_FURTHEST:g} to {_FURTHEST:g}"
     )
     duration: float = key(0.1, "of the move", unit="s", bounds="positive")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.distance == 0:
+            raise invalid("distance", self.distance, "not zero")
+        shortest = abs(self.distance) / _FASTEST
+        if self.duration < shortest:
+            raise invalid("duration", self.duration, f"at least {shortest:g} s, which is {_FASTEST:g} m/s")
 
     def height(self, time: float) -> float:
         """What it adds to the height [m] at a time [s]."""

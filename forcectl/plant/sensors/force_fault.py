@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 KINDS = ("nan", "inf", "value", "frozen", "lost", "jitter", "scale", "noise")
 _ROUNDING = 1e-9  # [s] of the times of ticks
 _LONGEST = 0.1  # [s] delay of a reading
+_WITHOUT_VALUE = ("nan", "inf", "frozen", "lost")
 
 
 @dataclass(kw_only=True)
@@ -37,8 +38,10 @@ class ForceFaultConfig(Config):
         super().__post_init__()
         if self.kind == "jitter" and not 0 <= self.value <= _LONGEST:
             raise invalid("value", self.value, f"from 0 to {_LONGEST:g} s for jitter")
-        if self.kind == "noise" and self.value < 0:
-            raise invalid("value", self.value, "not negative for noise")
+        if self.kind == "noise" and self.value <= 0:
+            raise invalid("value", self.value, "positive for noise")
+        if self.kind in _WITHOUT_VALUE and self.value != 0:
+            raise invalid("value", self.value, f"left out: {self.kind} has none")
 
     def acts(self, time: float) -> bool:
         """Whether it does at the tick of this time [s]."""

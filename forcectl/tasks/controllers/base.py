@@ -39,6 +39,9 @@ class ModeConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for i, name in enumerate(self.tasks):
+            if name in self.tasks[:i]:
+                raise invalid(f"tasks.{i}", name, "another one than those before it")
         for i, pair in enumerate(self.touching):
             if len(pair) != 2:
                 raise invalid(f"touching.{i}", pair, "two names of shapes")

@@ -110,7 +110,7 @@ def test_on_waves_the_foot_point_is_the_nearest():
     ("keys", "message"),
     [
         ({"heights": {"arc": ArcConfig(radius=0.1)}}, "heights.arc.radius = 0.1: must be at least 0.286 m"),
-        ({"turning": True, "moves": [SurfaceMoveConfig()]}, "turning = True: must be false with moves"),
+        ({"turning": True, "moves": [SurfaceMoveConfig(distance=0.001)]}, "turning = True: must be false with moves"),
     ],
 )
 def test_what_cannot_be_is_refused(keys, message):
@@ -120,6 +120,7 @@ def test_what_cannot_be_is_refused(keys, message):
 
 
 def test_a_surface_that_is_too_steep_is_refused():
-    config = SurfaceConfig(turning=True, heights={"w": WaveConfig(amplitude=0.02, wavelength=0.05)})
+    wave = WaveConfig(amplitude=0.007, wavelength=0.05)
+    config = SurfaceConfig(turning=True, heights={"one": wave, "other": wave})
     with pytest.raises(BadInputError, match=r"surface.heights has a slope of .*: must be at most 1 where the normal"):
         config.profile(0.01)
