@@ -34,9 +34,12 @@ def guarded_controller() -> GuardedController:
     return made
 
 
+_VALUES = {"jitter": 0.02, "value": 2.0, "scale": 2.0, "noise": 2.0}
+
+
 def every_fault() -> list[ForceFaultConfig]:
     return [
-        ForceFaultConfig(kind=kind, value=0.02 if kind == "jitter" else 2.0, start=0.01 * i, duration=0.008)
+        ForceFaultConfig(kind=kind, value=_VALUES.get(kind, 0.0), start=0.01 * i, duration=0.008)
         for i, kind in enumerate(KINDS)
         if kind not in ("nan", "inf")
     ]
