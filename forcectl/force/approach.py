@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, Gain
 
-from forcectl.errors import BadInputError, about
+from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.law import AroundLawConfig, require_force_law
 from forcectl.framework.batch import BatchParameter, BatchValue
@@ -304,6 +304,13 @@ class ApproachConfig(AroundLawConfig, Config):
     )
     timeout: float = key(10.0, "without a contact it gives up", unit="s", bounds="positive")
     clearance: float = key(0.01, "how far it leaves when the desired force is zero", unit="m", bounds="positive")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.touch_speed > self.speed:
+            raise invalid("touch_speed", self.touch_speed, f"at most speed = {self.speed:g} m/s")
+        if self.patience > self.timeout:
+            raise invalid("patience", self.patience, f"at most timeout = {self.timeout:g} s")
 
     def approach_speed(self) -> tuple[str, float]:
         """Key and value of the speed [m/s] at which a surface is met."""

@@ -135,7 +135,7 @@ class LinearIntegralForceLaw(PythonDiagram):
 class IntegralLawConfig(Config, LawConfig):
     """What the configurations of integral laws share."""
 
-    integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="from 0 to 10000", each=True)
+    integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="from 0.000001 to 10000", each=True)
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
     dead_zone: float = key(0.0, "force error that is left alone", unit="N", bounds="not negative", each=True)
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)

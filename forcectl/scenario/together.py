@@ -80,7 +80,7 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
             "reference.frequency", scenario.reference.frequency, f"below {fastest:g} Hz, half the rate of control"
         )
     if "desired_force" in loop.signals:
-        _check_forces(scenario)
+        _check_forces(scenario, loop.workcell.period)
         largest = scenario.findings.largest_force
         if largest is not None and largest < scenario.reference.largest_force():
             allowed = f"at least the largest desired force, {scenario.reference.largest_force():g} N"
@@ -92,8 +92,8 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
             raise invalid(f"log.{i}", name, "left out: it is logged anyway")
 
 
-def _check_forces(scenario: Scenario) -> None:
-    """Forces of a scenario whose controller takes a desired force."""
+def _check_forces(scenario: Scenario, period: float) -> None:
+    """Forces of a scenario whose controller takes a desired force, and its laws at this tick [s]."""
     ranges = [sensor.range for sensor in scenario.station.sensors.values() if hasattr(sensor, "range")]
     limit, largest = min(ranges, default=np.inf), scenario.reference.largest_force()
     first = getattr(scenario.reference, "initial_force", 0.0)
@@ -102,13 +102,55 @@ def _check_forces(scenario: Scenario) -> None:
     learns = getattr(scenario.controller, "minimum_force", 0.0)
     if learns >= limit:
         raise invalid("controller.minimum_force", learns, f"below the sensor's range, {limit:g} N")
-    dead_zone = getattr(scenario.controller, "dead_zone", 0.0)
-    if dead_zone and dead_zone >= largest:
-        raise invalid("controller.dead_zone", dead_zone, f"below the largest desired force, {largest:g} N")
+    for key, law in _laws(scenario.controller):
+        for name in ("dead_zone", "rest_region"):
+            least = getattr(law, name, 0.0)
+            if least and least >= largest > 0:
+                raise invalid(f"{key}.{name}", least, f"below the largest desired force, {largest:g} N")
+        _check_rate(key, law, period)
+    _check_reach(scenario)
+    threshold = getattr(scenario.controller, "threshold", 0.0)
+    if threshold >= limit:
+        raise invalid("controller.threshold", threshold, f"below the sensor's range, {limit:g} N")
+    if threshold >= 2 * largest > 0:
+        allowed = f"below {2 * largest:g} N: below half of it there is no contact, and the largest desired force is"
+        raise invalid("controller.threshold", threshold, f"{allowed} {largest:g} N")
     maximum = None if scenario.guard is None else scenario.guard.maximum_force
     if maximum is not None and not largest < maximum <= limit:
         allowed = f"above the largest desired force, {largest:g} N, and at most the sensor's range, {limit:g} N"
         raise invalid("guard.maximum_force", maximum, allowed)
+
+
+def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
+    """A controller, and the law behind a guarded move, by dotted key."""
+    yield "controller", controller
+    if hasattr(controller, "touch_speed"):
+        yield "controller.law", controller.law
+
+
+def _check_rate(key: str, law: Any, period: float) -> None:
+    """A law does not go past the desired force within a tick, twice as far as it was away: its loop would not settle."""
+    for field in fields(law) if isinstance(law, Config) else ():
+        fast = field.name in ("integral_gain", "observer_bandwidth") and key_of(field).unit in ("1/s", "rad/s")
+        if fast and (value := getattr(law, field.name)) * period >= 2:
+            allowed = f"below {2 / period:g} {key_of(field).unit}, two over the control tick of {period:g} s"
+            raise invalid(f"{key}.{field.name}", value, allowed)
+
+
+def _check_reach(scenario: Scenario) -> None:
+    """A level surface at rest is reached from the start, by a tool that nothing else moves."""
+    surface, controller = getattr(scenario.station.environment, "surface", None), scenario.controller
+    gap = getattr(surface, "gap", 0.0)
+    if not gap or not surface.even or surface.slope or scenario.motion.interval() is not None:
+        return
+    if hasattr(controller, "touch_speed"):
+        if controller.speed * controller.timeout < gap:
+            allowed = f"at least {gap / controller.speed:.4g} s, which speed takes for surface.gap = {gap:g} m"
+            raise invalid("controller.timeout", controller.timeout, allowed)
+        return
+    for field in fields(controller) if isinstance(controller, Config) else ():
+        if field.name == "lower_limit" and key_of(field).unit == "m" and -controller.lower_limit <= gap:
+            raise invalid("controller.lower_limit", controller.lower_limit, f"below -{gap:g} m, where the surface is")
 
 
 def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:

@@ -69,7 +69,7 @@ def robot_feedthrough(*further: str, shows: tuple[str, ...] = ()) -> set[tuple[s
 
 
 def approached_controller() -> ApproachedController:
-    made = ApproachConfig(law=InvarianceRobotConfig(), timeout=0.05).add_to(DiagramBuilder(), model())
+    made = ApproachConfig(law=InvarianceRobotConfig(), patience=0.05, timeout=0.05).add_to(DiagramBuilder(), model())
     assert isinstance(made, ApproachedController)
     return made
 

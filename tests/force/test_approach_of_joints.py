@@ -136,7 +136,9 @@ def test_a_desired_force_of_zero_leaves_the_surface_and_another_one_comes_back()
 
 
 def test_without_a_surface_it_gives_up_and_rests() -> None:
-    result = fc.run(scenario("Kinematic", INVARIANCE, speed=0.01, surface={"gap": 0.05}, timeout=0.3, duration=0.6))
+    surface = {"gap": 0.002, "moves": [{"start": 0.0, "distance": -0.05, "duration": 0.1}]}
+    move = {"speed": 0.01, "patience": 0.3, "timeout": 0.3}
+    result = fc.run(scenario("Kinematic", INVARIANCE, surface=surface, duration=0.6, **move))
     mode, joints, move = signals(result, "approach_mode", "joint_position_command", "approach_displacement")
     assert way(mode) == [APPROACH, GAVE_UP]
     assert move[-1] == pytest.approx(-0.003, abs=5e-5)
@@ -148,7 +150,7 @@ def test_a_wall_in_front_of_the_surface_ends_the_move() -> None:
     height = float(model.robot.tip_position(model.robot.context_at(model.start))[2])
     wall = Tagged({"point": [0.0, 0.0, height - 0.002], "normal": [0.0, 0.0, 1.0]}, "Wall")
     law = Tagged({"constraints": [wall]}, "InvarianceRobot")
-    result = fc.run(scenario("Kinematic", law, surface={"gap": 0.004}, timeout=0.2, duration=0.4))
+    result = fc.run(scenario("Kinematic", law, surface={"gap": 0.004}, patience=0.2, timeout=0.2, duration=0.4))
     mode, force, dx = signals(result, "approach_mode", "contact_force", "displacement_command")
     assert way(mode) == [APPROACH, GAVE_UP]
     assert not force.any()

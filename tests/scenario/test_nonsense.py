@@ -130,7 +130,7 @@ REFUSED = [
     ("station: {period: 0.004, time_step: 1e-5}", "build", "station.period = 0.004: must be at most 100 time_step, 0"),
     ("station: {time_step: 1e-5}", "build", "station.time_step = 1e-05: must be at least the period over 100, 2e-05 s"),
     ("estimators: {e: !ForceEstimator {}}", "build", "estimators.e wants joint_position (readings of the robot's"),
-    ("controller: {integral_gain: 1e6}", "controller.integral_gain = 1000000.0: must be from 0 to 10000"),
+    ("controller: {integral_gain: 1e6}", "controller.integral_gain = 1000000.0: must be from 0.000001 to 10000"),
     ("motion: {speed: 1000}", "motion.speed = 1000.0: must be above 0 and at most 10"),
     ("motion: {distance: 500}", "motion.distance = 500.0: must be not negative, at most 100 m"),
     # expectations
@@ -178,6 +178,26 @@ REFUSED = [
     ("_a: &a [*a]", "not usable: more than 100000 values, or an alias that holds itself"),
     ("title: !!binary aGk=", "not valid YAML: could not determine a constructor for the tag"),
     ("duration: !!bool maybe", "not valid YAML: 'maybe'"),
+    # laws
+    ("controller: !Approach {threshold: 3000}", "build", "controller.threshold = 3000.0: must be below the sensor's ra"),
+    ("controller: !Approach {threshold: 30}", "build", "controller.threshold = 30.0: must be below 30 N: below half of"),
+    ("controller: !Approach {speed: 0.001, touch_speed: 1}", "controller.touch_speed = 1.0: must be at most speed = 0."),
+    ("controller: !Approach {patience: 100, timeout: 1}", "controller.patience = 100.0: must be at most timeout = 1 s"),
+    (
+        "station: {environment: {surface: {gap: 0.05}}}\ncontroller: !Approach {timeout: 2}",
+        "build",
+        "controller.timeout = 2.0: must be at least 2.5 s, which speed takes for surface.gap = 0.05 m",
+    ),
+    (
+        "station: {environment: {surface: {gap: 0.05}}}\ncontroller: {lower_limit: -0.01}",
+        "build",
+        "controller.lower_limit = -0.01: must be below -0.05 m, where the surface is",
+    ),
+    ("controller: !FourthDegreeInvariance {rest_region: 99}", "build", "controller.rest_region = 99.0: must be below t"),
+    ("controller: !Approach {law: {dead_zone: 20}}", "build", "controller.law.dead_zone = 20.0: must be below the larg"),
+    ("controller: {integral_gain: 1000}", "build", "controller.integral_gain = 1000.0: must be below 1000 1/s, two over"),
+    ("controller: {integral_gain: 0}", "controller.integral_gain = 0.0: must be from 0.000001 to 10000"),
+    ("controller: !DisturbanceObserver {observer_bandwidth: 1e6}", "build", "observer_bandwidth = 1000000.0: must be b"),
 ]  # fmt: skip
 
 

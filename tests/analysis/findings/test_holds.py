@@ -85,12 +85,13 @@ def test_what_a_first_touch_does_is_told_apart_from_what_the_law_does() -> None:
 
 @pytest.mark.parametrize(("mode", "kind"), [(ApproachMode.GAVE_UP, {"no_contact"}), (ApproachMode.CONTACT, set())])
 def test_a_guarded_move_that_does_not_hand_over_is_told(mode: ApproachMode, kind: set[str]) -> None:
-    timeout = 0.1 if mode == ApproachMode.GAVE_UP else 5.0
+    """The surface moves away from the tool, or stays where it is."""
+    away = [{"start": 0.0, "distance": -0.05, "duration": 0.5}] if mode == ApproachMode.GAVE_UP else []
     result = fc.run(
         "first_touch",
         variant="5 mm/s on 1e4 N/m",
         fidelity="OneDimensional",
-        overrides={"controller.timeout": timeout, "duration": 3.0},
+        overrides={"controller.timeout": 2.5, "station.environment.surface.moves": away, "duration": 3.0},
     )
     (found,) = result.findings.values()
     assert result.log["approach_mode"].values.squeeze()[-1] == mode
