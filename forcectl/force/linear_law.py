@@ -14,7 +14,7 @@ Not in the thesis and off by default: a feed-forward -C_F F_bar of the desired f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -174,8 +174,7 @@ class LinearForceLaw(ForceLaw):
 class VrftConfig(Config, in_batches=True):
     """Scenario part `!Vrft`: a controller that VRFT has tuned; the default is that of Sec. 4.3.4.
 
-    With `gains_from` the three gains are found before the run, see `forcectl.scenario.gains`, and those written are not
-    used.
+    With `gains_from` the three gains are found before the run, see `forcectl.scenario.gains`, and none is written.
     """
 
     gains_from: str | None = key(
@@ -197,6 +196,19 @@ class VrftConfig(Config, in_batches=True):
     reference_bandwidth: float = key(
         1.5, "of the reference model it was tuned for", unit="rad/s", bounds="positive", each=True
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gains_from is not None:
+            for field in fields(self):
+                if field.name in GAINS and (gain := getattr(self, field.name)) != field.default:
+                    raise invalid(field.name, gain, f"left out: gains_from = {self.gains_from!r} finds it")
+            return
+        if self.gains_variant is not None:
+            raise invalid("gains_variant", self.gains_variant, "null without gains_from")
+        if self.integral_gain == 0 <= self.proportional_gain and not any(self.fir):
+            allowed = "below zero with integral_gain = 0: else the law does not press"
+            raise invalid("proportional_gain", self.proportional_gain, allowed)
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the reference model M(s) = w/(s + w)."""

@@ -129,7 +129,7 @@ def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _check_rate(key: str, law: Any, period: float) -> None:
-    """A law does not go past the desired force within a tick, twice as far as it was away: its loop would not settle."""
+    """In a tick a law goes less than twice as far as it is away: its loop would not settle."""
     for field in fields(law) if isinstance(law, Config) else ():
         fast = field.name in ("integral_gain", "observer_bandwidth") and key_of(field).unit in ("1/s", "rad/s")
         if fast and (value := getattr(law, field.name)) * period >= 2:

@@ -179,9 +179,9 @@ REFUSED = [
     ("title: !!binary aGk=", "not valid YAML: could not determine a constructor for the tag"),
     ("duration: !!bool maybe", "not valid YAML: 'maybe'"),
     # laws
-    ("controller: !Approach {threshold: 3000}", "build", "controller.threshold = 3000.0: must be below the sensor's ra"),
-    ("controller: !Approach {threshold: 30}", "build", "controller.threshold = 30.0: must be below 30 N: below half of"),
-    ("controller: !Approach {speed: 0.001, touch_speed: 1}", "controller.touch_speed = 1.0: must be at most speed = 0."),
+    ("controller: !Approach {threshold: 3000}", "build", "controller.threshold = 3000.0: must be below the sensor's r"),
+    ("controller: !Approach {threshold: 30}", "build", "controller.threshold = 30.0: must be below 30 N: below half o"),
+    ("controller: !Approach {speed: 0.001, touch_speed: 1}", "controller.touch_speed = 1.0: must be at most speed = 0"),
     ("controller: !Approach {patience: 100, timeout: 1}", "controller.patience = 100.0: must be at most timeout = 1 s"),
     (
         "station: {environment: {surface: {gap: 0.05}}}\ncontroller: !Approach {timeout: 2}",
@@ -193,11 +193,22 @@ REFUSED = [
         "build",
         "controller.lower_limit = -0.01: must be below -0.05 m, where the surface is",
     ),
-    ("controller: !FourthDegreeInvariance {rest_region: 99}", "build", "controller.rest_region = 99.0: must be below t"),
-    ("controller: !Approach {law: {dead_zone: 20}}", "build", "controller.law.dead_zone = 20.0: must be below the larg"),
-    ("controller: {integral_gain: 1000}", "build", "controller.integral_gain = 1000.0: must be below 1000 1/s, two over"),
+    ("controller: !FourthDegreeInvariance {rest_region: 99}", "build", "controller.rest_region = 99.0: must be below "),
+    ("controller: !Approach {law: {dead_zone: 20}}", "build", "controller.law.dead_zone = 20.0: must be below the lar"),
+    ("controller: {integral_gain: 1000}", "build", "controller.integral_gain = 1000.0: must be below 1000 1/s, two ov"),
     ("controller: {integral_gain: 0}", "controller.integral_gain = 0.0: must be from 0.000001 to 10000"),
-    ("controller: !DisturbanceObserver {observer_bandwidth: 1e6}", "build", "observer_bandwidth = 1000000.0: must be b"),
+    ("controller: !DisturbanceObserver {observer_bandwidth: 1e6}", "build", "observer_bandwidth = 1000000.0: must be "),
+    (
+        "controller: !Vrft {proportional_gain: 0, integral_gain: 0, derivative_gain: 0}",
+        "controller.proportional_gain = 0.0: must be below zero with integral_gain = 0: else the law does not press",
+    ),
+    ("controller: !Vrft {proportional_gain: 1, integral_gain: 0}", "controller.proportional_gain = 1.0: must be below"),
+    ("controller: !Pid {proportional_gain: 0, integral_gain: 0}", "controller.integral_gain = 0.0: must be above zero"),
+    ("controller: !Vrft {gains_variant: cheese}", "controller.gains_variant = 'cheese': must be null without gains_fr"),
+    (
+        "controller: !Vrft {gains_from: fig_4_5, proportional_gain: -1e-5}",
+        "controller.proportional_gain = -1e-05: must be left out: gains_from = 'fig_4_5' finds it",
+    ),
 ]  # fmt: skip
 
 

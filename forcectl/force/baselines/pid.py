@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import DiagramBuilder, System
 
+from forcectl.errors import invalid
 from forcectl.force.linear_law import LinearForceLaw
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
@@ -41,6 +42,12 @@ class PidConfig(Config, in_batches=True):
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.proportional_gain == self.integral_gain == self.feed_forward == 0:
+            allowed = "above zero without proportional_gain and feed_forward: else the law does not press"
+            raise invalid("integral_gain", self.integral_gain, allowed)
 
     def reference_model_bandwidth(self) -> float | None:
         """Pole K_I/(1 + K_P) [rad/s] of the loop around F = -dx/C_T in continuous time, without derivative."""
