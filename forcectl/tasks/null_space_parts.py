@@ -144,6 +144,12 @@ class SelfMotionConfig(Config):
     range: float = key(0.5, "of the motion from turn to turn", unit="rad", bounds="positive")
     time_constant: float = key(0.06, "of the approach", unit="s", bounds="positive")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("speed", "slowest"):
+            if (value := getattr(self, name)) > self.fastest:
+                raise invalid(name, value, f"at most fastest = {self.fastest:g} rad/s")
+
     def criterion(self, setting: JointSetting) -> SelfMotion:
         """See `NullSpacePart`."""
         return SelfMotion(

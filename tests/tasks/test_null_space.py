@@ -15,6 +15,7 @@ from forcectl.tasks.null_space import (
     SelfMotion,
     TowardsSmallMass,
 )
+from forcectl.tasks.null_space_parts import SelfMotionConfig
 from tests.examples.reactive_examples import N, at, two_arms
 
 RNG = np.random.default_rng(2)
@@ -180,3 +181,9 @@ def test_self_motion_of_an_arm_without_a_null_space_is_rest() -> None:
 def test_a_self_motion_that_is_slower_at_its_fastest_is_refused() -> None:
     with pytest.raises(BadInputError, match=r"fastest = 0\.05: must be at least speed, 0\.08"):
         SelfMotion(two_arms(), fastest=0.05)
+
+
+@pytest.mark.parametrize(("key", "value"), [("slowest", 10.0), ("speed", 0.3)])
+def test_a_self_motion_that_is_faster_than_its_fastest_is_refused(key: str, value: float) -> None:
+    with pytest.raises(BadInputError, match=rf"{key} = {value}: must be at most fastest = 0\.25 rad/s"):
+        SelfMotionConfig(**{key: value})

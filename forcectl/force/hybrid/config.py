@@ -69,13 +69,17 @@ class HybridConfig(Config):
         "tool: the axes move with it; world: they stay as they are at the start; surface: z turns to the force felt",
         choices=("tool", "world", "surface"),
     )
-    smallest_singular_value: float = key(0.02, "of the Jacobian, below which it is damped", unit="1", bounds="positive")
+    smallest_singular_value: float = key(
+        0.02, "of the Jacobian, below which it is damped", unit="1", bounds="above 0 and at most 1"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in self.directions:
+        for name, each in self.directions.items():
             if name not in DIRECTIONS:
                 raise unknown("direction", name, DIRECTIONS).at(f"directions.{name}")
+            if not name.startswith("r") and each.desired is not None and each.desired < 0:
+                raise invalid(f"directions.{name}.desired", each.desired, "not negative: a contact cannot pull")
         if not 1 <= len(self.directions) < len(DIRECTIONS):
             raise invalid("directions", sorted(self.directions), "from one to five directions: the others are moved")
         referred = [name for name, each in self.directions.items() if _follows_reference(name, each)]
