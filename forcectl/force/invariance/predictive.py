@@ -38,7 +38,7 @@ from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs
-from forcectl.plant.drives.position_loop import LONGEST_DELAY, PositionLoop
+from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.plant_model import PlantModel
 
 _RESTS = 1e-12  # [m] that what a path asks for along n changes by in a tick in which it rests
@@ -240,14 +240,12 @@ class PredictiveInvarianceConfig(InvarianceConfig):
     drive_dead_zone: float = key(
         0.3, "F_d, error of the drive that is left alone at rest", unit="N", bounds="not negative"
     )
-    search_speed: float = key(0.005, "at which the surface is looked for", unit="m/s", bounds="not negative")
-    offset_limit: float = key(0.01, "largest value of either correction", unit="m", bounds="not negative")
+    search_speed: float = key(0.005, "at which the surface is looked for", unit="m/s", bounds="from 0 to 1")
+    offset_limit: float = key(0.01, "largest value of either correction", unit="m", bounds="from 0 to 1")
     minimum_force: float = key(0.2, "force from which there is contact", unit="N", bounds="not negative")
-    filter_bandwidth: float = key(75.4, "w of h", unit="rad/s", bounds="positive")
+    filter_bandwidth: float = key(75.4, "w of h", unit="rad/s", bounds="from 0.1 to 100000")
     filter_damping_ratio: float = key(1.0, "z of h", unit="1", bounds="from 0.01 to 10")
-    filter_delay: float = key(
-        0.002, "command delay of h, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
-    )
+    filter_delay: float = key(0.002, "command delay of h, whole ticks", unit="s", bounds="from 0 to 0.1")
 
     def position_loop(self, model: PlantModel) -> PositionLoop:
         """The model of the joint-reference filter and its delay."""
