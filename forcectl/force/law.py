@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import BatchParameter, BatchValue, check_order
 from forcectl.framework.sampled_block import SampledBatch
 from forcectl.framework.wiring import input_names, output_names
@@ -120,6 +120,14 @@ class AroundLawConfig:
     """What the configurations of parts around a force law share, whose key `law` it is."""
 
     law: Any
+
+    def refuse_another(self, what: str) -> None:
+        """BadInputError where the law has a part of this kind within it: one with the same outputs."""
+        inner = self.law
+        while inner is not None and not isinstance(inner, type(self)):
+            inner = getattr(inner, "law", None)
+        if inner is not None:
+            raise invalid("law", f"!{type(inner).__name__.removesuffix('Config')}", f"a law, not a second {what}")
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the law; None if it does not tell."""

@@ -209,6 +209,19 @@ REFUSED = [
         "controller: !Vrft {gains_from: fig_4_5, proportional_gain: -1e-5}",
         "controller.proportional_gain = -1e-05: must be left out: gains_from = 'fig_4_5' finds it",
     ),
+    ("controller: !Passive {law: !Passive {}}", "controller.law = '!Passive': must be a law, not a second passivity"),
+    ("controller: !Passive {law: !Approach {law: !Passive {}}}", "controller.law = '!Passive': must be a law, not a"),
+    ("controller: !Governed {law: !Passive {law: !Governed {}}}", "controller.law = '!Governed': must be a law, not"),
+    ("controller: !InvarianceControl {nominal: !JointMoves {}}", "build", "controller.nominal: JointPath commands joi"),
+    ("controller: !InvarianceControl {nominal: !ScaledVrft {}}", "build", "nominal: ScaledVrftConfig wants motor_di"),
+    ("controller: !Governed {delay: 100}", "build", "controller.delay = 100.0: must be at most 20 s, 10000 control ti"),
+    ("controller: !PredictiveInvariance {search_speed: 999}", "controller.search_speed = 999.0: must be from 0 to 1"),
+    ("controller: !PredictiveInvariance {offset_limit: 100}", "controller.offset_limit = 100.0: must be from 0 to 1"),
+    ("controller: !PredictiveInvariance {filter_delay: 1}", "controller.filter_delay = 1.0: must be from 0 to 0.1"),
+    ("controller: !PredictiveInvariance {filter_bandwidth: 1e6}", "filter_bandwidth = 1000000.0: must be from 0.1 to"),
+    ("controller: !DisturbanceObserver {model_lag: 1e6}", "controller.model_lag = 1000000.0: must be from 0 to 10"),
+    ("controller: !Hybrid {directions: {z: {desired: -99}}}", "directions.z.desired = -99.0: must be not negative"),
+    ("controller: !Hybrid {directions: {z: {}}, smallest_singular_value: 1e6}", "smallest_singular_value = 1000000.0:"),
 ]  # fmt: skip
 
 

@@ -152,8 +152,12 @@ class PassiveConfig(AroundLawConfig, Config, in_batches=True):
     )
 
     model_lag: float | None = key(
-        None, "T_m, motion to measured force; null: the sensor's", unit="s", bounds="not negative", each=True
+        None, "T_m, motion to measured force; null: the sensor's", unit="s", bounds="from 0 to 10", each=True
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.refuse_another("passivity controller")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PassiveForceLaw:
         """Add the law, and observer and controller behind it."""

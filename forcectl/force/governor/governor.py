@@ -20,13 +20,13 @@ from pydrake.systems.framework import Context, DiagramBuilder, System
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.governor.program import (
     LONGEST_HORIZON,
+    MOST_TICKS,
     GovernorLimits,
     GovernorProgram,
     Horizon,
     Situation,
     check_horizon,
     check_pole,
-    check_ticks,
     check_weights,
     closed_form,
     coefficients,
@@ -103,7 +103,9 @@ class CommandGovernor(SampledBatch):
         solver: str | Solver = DEFAULT_SOLVER,
     ):
         ticks = whole_multiple("delay", check("delay", delay), check("period", period, "positive"), "period")
-        self._ticks = check_ticks("delay in ticks", ticks)
+        if ticks > MOST_TICKS:
+            raise invalid("delay", delay, f"at most {MOST_TICKS * period:g} s, {MOST_TICKS} control ticks")
+        self._ticks = ticks
         self._horizon = check_horizon(horizon)
         solver = make_solver(solver)
         parameters = {
@@ -304,8 +306,7 @@ class GovernedConfig(AroundLawConfig, Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if isinstance(self.law, GovernedConfig):
-            raise invalid("law", "!Governed", "a law, not a second governor")
+        self.refuse_another("governor")
         inner = self._inner_bandwidth()
         if inner is None:
             fault = " is missing: must be a number, because the law does not tell its own"
