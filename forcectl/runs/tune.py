@@ -35,6 +35,7 @@ CONTROLLER = "controller.yaml"
 _SAMPLES_PER_TIME_CONSTANT = 5
 _CONTROL_PERIOD = 0.002  # [s] of the shipped station
 _SOFTEST = 1.0  # [m/N] of a robot
+_ROUNDED = 0.01  # that a reference model may end off 1, with coefficients in few digits
 _REPEATED = 0.5  # rms that a second record may differ from the first by
 _HYSTERESIS = 0.1  # that the static gain of the plant model may differ from that of the rests by
 
@@ -267,6 +268,11 @@ def _tuned(
             f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
             "displacement and a positive force; use --flip-input where displacements into the surface are positive"
         )
+    if fit.plant.explained <= 0:
+        raise BadInputError(
+            f"{record.origin}: a model of the contact explains nothing of {record.output_name}: must be a force that "
+            f"follows {record.input_name}; are both columns of one experiment?"
+        )
     tuned = Tuned(config, record, fit, compensated, None, learn_from, other)
     if tuned.stiffness <= 0:
         raise BadInputError(
@@ -338,6 +344,8 @@ def _check_repeated(record: Recorded, again: Recorded) -> None:
 def _check_against_model(record: Recorded, model: ReferenceModel) -> None:
     duration, slowest = record.u.size * record.period, model.time_constant
     longest = slowest / _SAMPLES_PER_TIME_CONSTANT
+    if abs(model.static_gain - 1) > _ROUNDED:
+        raise BadInputError(f"reference model ends at {model.static_gain:.4g} of the reference: must end at 1")
     if record.period > longest > 0:
         raise BadInputError(
             f"{record.origin}: sampled every {record.period:g} s: must be at most {longest:.3g} s for a reference "

@@ -213,6 +213,16 @@ def test_a_record_that_does_not_tell_the_stiffness_is_refused(tmp_path):
     assert "\n" not in str(caught.value)
 
 
+def test_a_record_of_noise_alone_is_refused(forcectl, tmp_path):
+    rng = np.random.default_rng(0)
+    u, y = rng.normal(size=5000), np.abs(rng.normal(scale=5.0, size=5000))
+    columns = {"time [s]": TS * np.arange(u.size), "displacement [mm]": u, "force [N]": y}
+    code, out, err = forcectl("tune", "vrft", write(tmp_path, columns), "--reference-model", 1.5)
+    assert (code, out) == (2, "")
+    assert "a model of the contact explains nothing of force [N]: must be a force that follows displacement" in err
+    assert err.count("\n") == 1
+
+
 def test_noise_is_reported_with_what_it_takes(forcectl, tmp_path, without_pictures):
     code, out, _ = forcectl("tune", "vrft", record_file(tmp_path, noise=0.05), "--reference-model", 1.5)
     assert code == 0
@@ -269,6 +279,7 @@ def test_a_result_is_replaced_only_on_request(tmp_path, without_pictures):
         ("-2", "positive"),
         ("{numerator: [1, 1], denominator: [1, 2]}", "strictly proper"),
         ("{numerator: [1, 0, 0], denominator: [1, -0.9], discrete: true}", "not causal"),
+        ("{numerator: [900], denominator: [1, 6, 9]}", "reference model ends at 100 of the reference: must end at 1"),
         ("{poles: [2]}", "stable"),
         ("{}", "exactly one"),
         ("200", "sampled every 0.002 s: must be at most 0.000783 s"),
