@@ -263,15 +263,15 @@ def _tuned(
         other = None if on_motor is None else fitted(on_motor, False)
     else:
         fit, other = fitted(on_motor, refine), fitted(record, False)
-    if float(record.u @ record.y) > 0:
-        raise BadInputError(
-            f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
-            "displacement and a positive force; use --flip-input where displacements into the surface are positive"
-        )
     if fit.plant.explained <= 0:
         raise BadInputError(
             f"{record.origin}: a model of the contact explains nothing of {record.output_name}: must be a force that "
             f"follows {record.input_name}; are both columns of one experiment?"
+        )
+    if float(record.u @ record.y) > 0:
+        raise BadInputError(
+            f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
+            "displacement and a positive force; use --flip-input where displacements into the surface are positive"
         )
     tuned = Tuned(config, record, fit, compensated, None, learn_from, other)
     if tuned.stiffness <= 0:
