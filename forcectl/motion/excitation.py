@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydrake.polynomial import Polynomial
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
 from forcectl.motion.references import Reference, linear_trajectory, read_signal, stack_scaled
 
@@ -78,15 +78,30 @@ class _Excitation:
         """When the profile is over [s]."""
         return float(self.trajectory().end_time())
 
+    def first_move(self) -> float:
+        """When the profile leaves where it begins [s]."""
+        trajectory = self.trajectory()
+        breaks = trajectory.get_segment_times()
+        begin = trajectory.value(breaks[0]).item()
+        return next((t for t, after in pairwise(breaks) if trajectory.value(after).item() != begin), breaks[-1])
+
+    def deepest(self, environment_compliance: ArrayLike) -> float:
+        """The deepest displacement of all n contacts after scaling, negative [m]; arguments as those of `add_to`."""
+        trajectory = self.trajectory()
+        lowest = min(trajectory.value(t).item() for t in trajectory.get_segment_times())
+        return lowest * float(self._scales(environment_compliance).max())
+
+    def _scales(self, environment_compliance: ArrayLike) -> NDArray[np.float64]:
+        compliance = np.atleast_1d(np.asarray(environment_compliance, dtype=float))
+        return SPRING_STIFFNESS * compliance if self.scale is None else np.full(compliance.size, self.scale)
+
     def add_to(self, builder: DiagramBuilder, environment_compliance: ArrayLike) -> Reference:
         """Add the block `excitation` with the output `excitation`, shape (n,) [m], for n contacts.
 
         Args:
             environment_compliance: C_E [m/N], shape (n,), known about; decides the scale when that is None.
         """
-        compliance = np.atleast_1d(np.asarray(environment_compliance, dtype=float))
-        scale = SPRING_STIFFNESS * compliance if self.scale is None else np.full(compliance.size, self.scale)
-        profile = stack_scaled(self.trajectory(), scale)
+        profile = stack_scaled(self.trajectory(), self._scales(environment_compliance))
         return builder.AddNamedSystem("excitation", Reference("excitation", profile))
 
 
@@ -107,6 +122,8 @@ class TrapezoidalMovesConfig(_Excitation, Config):
         super().__post_init__()
         if len(self.depths) < 2 or len(set(self.depths)) < 2:
             raise BadInputError(f" = {self.depths}: must be at least two, not all equal", key="depths")
+        if max(self.depths) <= 0:
+            raise invalid("depths", self.depths, "above zero somewhere: away from the surface nothing is excited")
 
     def trajectory(self) -> PiecewisePolynomial:
         """Displacement over time before scaling [m]: minus the depths."""

@@ -15,6 +15,7 @@ from forcectl.force.vrft.adaptive import AdaptiveVrft
 from forcectl.force.vrft.experiment import ExperimentSequencer, RecursiveVrftConfig, VrftExperiment
 from forcectl.force.vrft.motor_side import MotorSideRecord
 from forcectl.force.vrft.scaled import ScaledVrft, ScaledVrftConfig
+from forcectl.motion.excitation import TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.tuning.motor_positions import DriveFilter
 from tests.examples.block_example import Example, each
@@ -34,7 +35,9 @@ MODEL = PlantModel(2, 0.002, np.full(2, 3e-5), np.array([1e-4, 2e-5]), 12.6, 1.0
 
 
 def experiment(learn_from: str = "command") -> VrftExperiment:
-    return RecursiveVrftConfig(hand_over_time=0.02, input=learn_from).add_to(DiagramBuilder(), MODEL)
+    moves = TrapezoidalMovesConfig(start_rest=0.01)
+    config = RecursiveVrftConfig(excitation=moves, hand_over_time=0.02, input=learn_from)
+    return config.add_to(DiagramBuilder(), MODEL)
 
 
 def scaled() -> ScaledVrft:

@@ -222,6 +222,18 @@ REFUSED = [
     ("controller: !DisturbanceObserver {model_lag: 1e6}", "controller.model_lag = 1000000.0: must be from 0 to 10"),
     ("controller: !Hybrid {directions: {z: {desired: -99}}}", "directions.z.desired = -99.0: must be not negative"),
     ("controller: !Hybrid {directions: {z: {}}, smallest_singular_value: 1e6}", "smallest_singular_value = 1000000.0:"),
+    (
+        "controller: !RecursiveVrft {excitation: {depths: [0, -0.01, -0.02]}}",
+        "controller.excitation.depths = [0.0, -0.01, -0.02]: must be above zero somewhere: away from the surface",
+    ),
+    (
+        "controller: !RecursiveVrft {excitation: {depths: [0, 100]}}",
+        "build",
+        "controller.lower_limit = -0.1: must be at most -",
+    ),
+    ("controller: !RecursiveVrft {hand_over_time: 0.1}", "build", "controller.hand_over_time = 0.1: must be above 0.5"),
+    ("controller: !RecursiveVrft {convergence_window: 99}", "build", "controller.convergence_window = 99.0: must be b"),
+    ("controller: !RecursiveVrft {drive: {bandwidth: 50}}", "controller.input = 'command': must be motor with a drive"),
 ]  # fmt: skip
 
 

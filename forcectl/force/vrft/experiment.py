@@ -173,6 +173,11 @@ class RecursiveVrftConfig(Config):
 
     finds_gains: ClassVar[tuple[str, ...]] = GAINS
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.input == "command" and self.drive != DriveFilter():
+            raise invalid("input", self.input, "motor with a drive")
+
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth w_c [rad/s] of the reference model."""
         return self.reference_bandwidth
@@ -193,6 +198,14 @@ class RecursiveVrftConfig(Config):
             own = f"{self.reference_bandwidth:g}, the experiment's own, whose gains have a prefilter"
             raise invalid("reference_bandwidth", bandwidth, own)
         return bandwidth / self.reference_bandwidth
+
+    def _check_excitation(self, excitation: ExcitationConfig, model: PlantModel) -> None:
+        """BadInputError unless the law can press as deep as it is asked to, and learns before it takes over."""
+        deepest = excitation.deepest(model.environment_compliance)
+        if deepest < self.lower_limit:
+            raise invalid("lower_limit", self.lower_limit, f"at most {deepest:.4g} m, the deepest of the excitation")
+        if self.hand_over_time is not None and self.hand_over_time <= (first := excitation.first_move()):
+            raise invalid("hand_over_time", self.hand_over_time, f"above {first:g} s, when the first move begins")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> VrftExperiment:
         """Add the law; its model has `robot_compliance_error` times the true compliance of the robot."""
@@ -216,9 +229,15 @@ class RecursiveVrftConfig(Config):
         )
         with about(self.excitation):
             end = float(self.excitation.end_time())
+        if isinstance(self.excitation, ExcitationConfig):
+            self._check_excitation(self.excitation, model)
+        hand_over_time = end if self.hand_over_time is None else self.hand_over_time
+        if self.convergence_window is not None and self.convergence_window >= hand_over_time:
+            allowed = f"below {hand_over_time:g} s, when the experiment hands over anyway"
+            raise invalid("convergence_window", self.convergence_window, allowed)
         sequencer = ExperimentSequencer(
             model.size,
-            hand_over_time=end if self.hand_over_time is None else self.hand_over_time,
+            hand_over_time=hand_over_time,
             window=np.inf if self.convergence_window is None else self.convergence_window,
             tolerance=self.convergence_tolerance,
             period=model.period,

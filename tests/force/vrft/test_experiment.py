@@ -93,9 +93,9 @@ def test_a_second_run_and_another_order_of_calls_give_the_same_numbers():
 @pytest.mark.slow
 def test_without_contact_nothing_is_learnt_and_the_law_does_not_take_over():
     """The surface is out of reach: the force is noise, and whatever comes out of it must not run the robot away."""
-    controller = RecursiveVrftConfig(excitation=TrapezoidalMovesConfig(depths=[0.0, -1e-3, -2e-3, 0.0], rest=0.2))
+    controller = RecursiveVrftConfig(excitation=TrapezoidalMovesConfig(depths=[0.0, 1e-3, 2e-3, 0.0], rest=0.2))
     overrides = {"controller": controller, "duration": 4.0, "station.sensors.force.noise_std": 0.0}
-    overrides["station.fidelity"] = "Kinematic"
+    overrides |= {"station.fidelity": "Kinematic", "station.environment.surface.gap": 0.05}
     result = forcectl.run("table_4_1", variant="VRFT", overrides=overrides)
     assert not result.log["mode"].values.any()
     assert float(result.log["displacement_command"].values[-1].item()) == pytest.approx(0.0, abs=1e-9)
