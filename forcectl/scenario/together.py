@@ -130,7 +130,7 @@ def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
 
 def _check_rate(key: str, law: Any, period: float) -> None:
     """In a tick a law goes less than twice as far as it is away: its loop would not settle."""
-    for field in fields(law) if isinstance(law, Config) else ():
+    for field in fields(law) if isinstance(law, Config) else ():  # type: ignore[arg-type]
         fast = field.name in ("integral_gain", "observer_bandwidth") and key_of(field).unit in ("1/s", "rad/s")
         if fast and (value := getattr(law, field.name)) * period >= 2:
             allowed = f"below {2 / period:g} {key_of(field).unit}, two over the control tick of {period:g} s"
@@ -139,7 +139,8 @@ def _check_rate(key: str, law: Any, period: float) -> None:
 
 def _check_reach(scenario: Scenario) -> None:
     """A level surface at rest is reached from the start, by a tool that nothing else moves."""
-    surface, controller = getattr(scenario.station.environment, "surface", None), scenario.controller
+    surface: Any = getattr(scenario.station.environment, "surface", None)
+    controller = scenario.controller
     gap = getattr(surface, "gap", 0.0)
     if not gap or not surface.even or surface.slope or scenario.motion.interval() is not None:
         return
@@ -148,7 +149,7 @@ def _check_reach(scenario: Scenario) -> None:
             allowed = f"at least {gap / controller.speed:.4g} s, which speed takes for surface.gap = {gap:g} m"
             raise invalid("controller.timeout", controller.timeout, allowed)
         return
-    for field in fields(controller) if isinstance(controller, Config) else ():
+    for field in fields(controller) if isinstance(controller, Config) else ():  # type: ignore[arg-type]
         if field.name == "lower_limit" and key_of(field).unit == "m" and -controller.lower_limit <= gap:
             raise invalid("controller.lower_limit", controller.lower_limit, f"below -{gap:g} m, where the surface is")
 
