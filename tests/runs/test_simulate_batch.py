@@ -119,7 +119,8 @@ def test_a_linear_loop_with_delay_equals_its_single_run(contact):
 
 def test_an_element_that_diverges_ends_where_its_single_run_does_and_the_others_go_on():
     given = scenarios(Tagged({}, "Integral"), guard=None)
-    changes = {"controller.integral_gain": 5e3, "station.sensors.force.range": 30.0, "guard": None}
+    gains = {"controller.integral_gain": 500.0, "controller.compliance_error": 10.0}
+    changes = {**gains, "station.sensors.force.range": 30.0, "guard": None}
     wild = scenarios(Tagged({}, "Integral"), **changes)
     mixed = [given[0], wild[1], given[2]]
     outcomes = simulate_batch(mixed, "default")
