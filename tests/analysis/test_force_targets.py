@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from forcectl.analysis.force_targets import Allowed, force_targets
-from forcectl.scenario.expectations import Expectation, Tolerance
+from forcectl.scenario.expectations import Expectation, Term, Tolerance
 
 TIME = 0.01 * np.arange(401)
 
@@ -47,5 +47,5 @@ def test_an_expectation_says_what_it_allows_of_its_metric_alone():
     both = {"target": "t", "metric": "peak_force_N", "published": 20.0, "tolerance": Tolerance(absolute=2.0)}
     assert Expectation(**both, maximum=21.0).allowed("Multibody") == ("peak_force_N", None, 18.0, 21.0, 20.0)
     assert Expectation(**both, fidelities=["Kinematic"]).allowed("Multibody") is None
-    other = {"metric": "peak_force_N", "variant": "b"}
+    other = Term(metric="peak_force_N", variant="b")
     assert Expectation(target="t", metric="peak_force_N", maximum=1.0, minus=other).allowed("Multibody") is None

@@ -55,7 +55,7 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "command_saturated": ({"controller.lower_limit": -1.5e-3}, {"controller.lower_limit": -4e-3}),
     "contact_lost": ({GAIN: 30.0, "duration": 1.0}, {GAIN: 8.0, "duration": 1.0}),
     "contact_bounced": (LINEAR | {GAIN: 12.5, "duration": 1.0}, LINEAR | {GAIN: 11.0, "duration": 1.0}),
-    "no_contact": ({GAIN: 0.0, "duration": 1.0}, {GAIN: 0.5, "duration": 1.0}),
+    "no_contact": ({GAIN: 0.5, "station.environment.surface.gap": 0.02, "duration": 1.0}, {GAIN: 0.5, "duration": 1.0}),
     "force_too_high": (
         {GAIN: 3.0, "findings.largest_force": 16.0, "duration": 1.5},
         {GAIN: 3.0, "findings.largest_force": 17.0, "duration": 1.5},
