@@ -24,7 +24,7 @@ def test_a_tool_at_rest_feels_the_compliance_times_the_way(fidelity):
         "preset": "linear",
         "reference.force": 0.0,
         "guard": None,
-        "controller.integral_gain": 1e-9,
+        "controller.integral_gain": 1e-6,
         "duration": 0.3,
     }
     scenario = fc.load_scenario({}, overrides=changes)
