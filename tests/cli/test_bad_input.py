@@ -75,6 +75,26 @@ CASES = [
     (["run", "fig_2_7", "--set", "controller=!Integrall"], ["unknown tag '!Integrall'", "did you mean '!Integral'"]),
     (["run", "fig_2_7", "--set", "duration"], ["--set 'duration'", "must be key=value"]),
     (["run", "fig_2_7", "--set", "duration=[1"], ["--set duration", "not valid YAML"]),
+    (
+        ["run", "fig_2_7", "--set", "duration=1", "--set", "duration=2"],
+        ["--set 'duration=2'", "must not replace what --set"],
+    ),
+    (
+        ["check", "fig_2_8", "--set", "controller.integral_gain=1", "--set", "controller=!Pid {}"],
+        ["--set 'controller=!Pid {}'", "must not replace what --set controller.integral_gain sets before it"],
+    ),
+    (
+        ["graph", "fig_2_7", "--format", "svg", "--out", "x.png"],
+        ["--format svg", "must be that of --out 'x.png', or be left out"],
+    ),
+    (
+        ["check", "peg_in_hole", "--set", "controller.modes.settle.tasks=[insert, insert]"],
+        ["controller.modes.settle.tasks.1 = 'insert'", "must be another one than those before it"],
+    ),
+    (
+        ["check", "peg_in_hole", "--set", "controller.admittance.hysteresis=1000"],
+        ["controller.admittance.hysteresis = 1000.0", "must be from 0 to 100"],
+    ),
     (["run", "fig_2_7", "--set", "..=1"], ["--set '..=1'", "must be key=value"]),
     (["run"], ["Missing argument 'SCENARIO'"]),
     (["run", "fig_2_7", "--sed", "3"], ["No such option: --sed"]),

@@ -28,6 +28,7 @@ START = 'scenario: fig_2_7\nvariant: "K_I = 1.5 1/s"\noverrides: {station.fideli
         (START + "design: sbol", "sweep.yaml:4: design: unknown design 'sbol': did you mean 'sobol'?"),
         (START + "trials: 5", "sweep.yaml:4: trials = 5: must be left out: a grid has"),
         (START + "design: random\ntrials: 3", "keys = {}: must be at least one key for the design random"),
+        (START + "keys:\n  title: [a, b]", "sweep.yaml:5: keys.title cannot be varied: it says nothing of what is"),
         (START + "keys:\n  seed: [1, 2]", "sweep.yaml:5: keys.seed cannot be varied: use `seeds`"),
         (START + "seeds: 0", "sweep.yaml:4: seeds = 0: must be how many, or a list of different whole numbers"),
         (START + "seeds: [1, 1]", "sweep.yaml:4: seeds = [1, 1]: must be"),
