@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -74,6 +74,21 @@ def one_line(error: BaseException) -> str:
 def invalid(key: str, value: object, allowed: str) -> BadInputError:
     """The error for a value that is not allowed: `key = value: must be ...`."""
     return BadInputError(f" = {show(value)}: must be {allowed}", key=key, value=value, allowed=allowed)
+
+
+def check_distinct(key: str, names: Sequence[object]) -> None:
+    """Refuse a list in which something stands twice.
+
+    Args:
+        key: of the list.
+        names: what stands in it.
+
+    Raises:
+        BadInputError: about the second one.
+    """
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise invalid(f"{key}.{i}", name, "another one than those before it")
 
 
 def unknown(kind: str, name: object, known: Iterable[str]) -> BadInputError:

@@ -93,8 +93,10 @@ class Expression:
                 example = "a comparison of a name, such as overshoot_pct <= 5"
                 raise BadInputError(f" = {self.text!r}{shown}: must be {example}", key=self._key)
             for term in (part.left, *part.comparators):
-                value = None if any(self._names(term)) else self._value_or_none(term, {})
-                if not any(self._names(term)) and (value is None or value in (math.inf, -math.inf)):
+                if any(self._names(term)):
+                    continue
+                value = self._value_or_none(term, {})
+                if value is None or value in (math.inf, -math.inf):
                     text = f" = {self.text!r}: {ast.unparse(term)!r} must be a number"
                     raise BadInputError(text, key=self._key)
         for side, (low, high) in self.limits().items():

@@ -11,7 +11,7 @@ from typing import Any
 from forcectl.analysis.force_targets import Allowed
 from forcectl.analysis.tables.metric_tables import METRICS, PAIR_METRICS, is_metric, metric_unit
 from forcectl.analysis.tables.motion_tables import MOTION_METRICS
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.fields import Config, key
 
 Metrics = Mapping[str, float | None]
@@ -140,9 +140,7 @@ class Expectation(Config):
             if abs(nearest - self.published) > width:
                 allowed = f"so that something within {width:g} of it is from {low:g} to {high:g}"
                 raise invalid("published", self.published, allowed)
-        for i, name in enumerate(self.fidelities):
-            if name in self.fidelities[:i]:
-                raise invalid(f"fidelities.{i}", name, "another one than those before it")
+        check_distinct("fidelities", self.fidelities)
         for name in self.gaps if self.fidelities else ():
             if name not in self.fidelities:
                 raise invalid(f"gaps.{name}", self.gaps[name], "left out: the line is not judged there")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from forcectl.analysis.slot import check_needs
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.fields import Config, key_of
 from forcectl.framework.reader import join
 from forcectl.scenario.catalog import tags_of
@@ -81,13 +81,8 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
         )
     if "desired_force" in loop.signals:
         _check_forces(scenario, loop.workcell.period)
-        largest = scenario.findings.largest_force
-        if largest is not None and largest < scenario.reference.largest_force():
-            allowed = f"at least the largest desired force, {scenario.reference.largest_force():g} N"
-            raise invalid("findings.largest_force", largest, allowed)
+    check_distinct("log", scenario.log)
     for i, name in enumerate(scenario.log):
-        if name in scenario.log[:i]:
-            raise invalid(f"log.{i}", name, "another one than those before it")
         if name in loop.signals:
             raise invalid(f"log.{i}", name, "left out: it is logged anyway")
 
@@ -119,6 +114,9 @@ def _check_forces(scenario: Scenario, period: float) -> None:
     if maximum is not None and not largest < maximum <= limit:
         allowed = f"above the largest desired force, {largest:g} N, and at most the sensor's range, {limit:g} N"
         raise invalid("guard.maximum_force", maximum, allowed)
+    stated = scenario.findings.largest_force
+    if stated is not None and stated < largest:
+        raise invalid("findings.largest_force", stated, f"at least the largest desired force, {largest:g} N")
 
 
 def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
@@ -213,9 +211,7 @@ def _check_across(key: str, direction: Sequence[float], normal: Sequence[float],
 
 def _check_expectations(scenario: Scenario) -> None:
     """Lines have names of their own and speak of fidelities that there are."""
-    for i, name in enumerate(scenario.fidelities):
-        if name in scenario.fidelities[:i]:
-            raise invalid(f"fidelities.{i}", name, "another one than those before it")
+    check_distinct("fidelities", scenario.fidelities)
     targets: set[str] = set()
     for i, line in enumerate(scenario.expect):
         if line.target in targets:

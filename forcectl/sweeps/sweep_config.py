@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.fields import Config, key
 from forcectl.framework.yaml_tree import Tagged, parse, place, plain
@@ -111,9 +111,7 @@ class SweepConfig(Config):
                     raise invalid(f"{kind}.{name}", values, "a mapping of scenario keys to values")
             check_different(kind, {name: plain(values) for name, values in named.items()})
         for kind, names in (("compare", self.compare), ("shown", self.shown), ("envelope", self.envelope)):
-            for i, name in enumerate(names):
-                if name in names[:i]:
-                    raise invalid(f"{kind}.{i}", name, "another one than those before it")
+            check_distinct(kind, names)
         if len(self.compare) == 1:
             raise invalid("compare", self.compare, "at least two arms")
         for i, name in enumerate(self.compare):

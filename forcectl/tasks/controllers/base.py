@@ -10,7 +10,7 @@ from pydrake.geometry import Box
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
-from forcectl.errors import invalid, unknown
+from forcectl.errors import check_distinct, invalid, unknown
 from forcectl.force.invariance.robot import JointLimitConfig
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
@@ -39,9 +39,7 @@ class ModeConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for i, name in enumerate(self.tasks):
-            if name in self.tasks[:i]:
-                raise invalid(f"tasks.{i}", name, "another one than those before it")
+        check_distinct("tasks", self.tasks)
         for i, pair in enumerate(self.touching):
             if len(pair) != 2:
                 raise invalid(f"touching.{i}", pair, "two names of shapes")
