@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from forcectl.analysis.findings.compliance import compliance_findings
 from forcectl.analysis.findings.finding import KINDS, RunFinding
 from forcectl.analysis.findings.force import force_findings
 from forcectl.analysis.findings.guard import guard_findings
@@ -68,10 +69,13 @@ class FindingsConfig(Config):
         ranges = [sensor.range for sensor in sensors if hasattr(sensor, "range")]
         filtered = all(getattr(sensor, "bandwidth", np.inf) * setting.workcell.period < 1 for sensor in sensors)
         truth = setting.truth
-        compliances = truth.robot_compliance + truth.environment_compliance
-        contacts = setting.workcell.contacts
-        for (label, one), compliance, contact in zip(surfaces(log), compliances, contacts, strict=True):
-            even = contact.surface is not None and contact.surface.even
-            pressing = Pressing.of(one, float(compliance), motion, even)
-            for each in force_findings(pressing, ranges, self, filtered):
+        robot, compliances = truth.robot_compliance, truth.robot_compliance + truth.environment_compliance
+        for k, (label, one) in enumerate(surfaces(log)):
+            surface = setting.workcell.contacts[k].surface
+            even = surface is not None and surface.even
+            pressing = Pressing.of(one, float(compliances[k]), motion, even)
+            found = [*force_findings(pressing, ranges, self, filtered)]
+            if surface is not None and surface.even and surface.materials is None:
+                found += compliance_findings(pressing, float(robot[k]), float(setting.model.environment_compliance[k]))
+            for each in found:
                 yield replace(each, text=f"{label[:-1]}: {each.text}") if label else each

@@ -66,6 +66,9 @@ KINDS: dict[str, Kind] = {
     "estimate_at_bound": Kind(
         Severity.WARNING, "an estimated compliance stood at its bound, and explained the force no longer"
     ),
+    "compliance_off": Kind(
+        Severity.INFO, "a surface was at least twice as stiff or as soft as the model of it that the law is given"
+    ),
     "contact_lost": Kind(
         Severity.ERROR, "the tool left the surface while a force was wanted, and for longer than a bounce"
     ),

@@ -21,10 +21,12 @@ class Pressing(NamedTuple):
         desired, measured, true: forces [N].
         contact: state of the contact, see `ContactMode`; None of a station that does not put it out.
         command: displacement [m]; None where it is not logged.
+        displacement: of the tool along the normal by the motors [m]; None where it is not logged.
         motors: positions of the motors by the names of the joints [rad].
         regulated: whether the force law is in charge: tuned, and past the first touch.
         closed: whether it is, and the tool is not in motion along the surface.
-        sliding: whether it is, and the tool is in motion along an even surface.
+        moves: whether the tool is in motion along the surface.
+        sliding: whether the force law is in charge in motion along an even surface.
         compliance: C_T [m/N].
         estimate: C_E_hat [m/N]; None of a law that learns none.
     """
@@ -35,9 +37,11 @@ class Pressing(NamedTuple):
     true: Signal
     contact: Signal | None
     command: Signal | None
+    displacement: Signal | None
     motors: dict[str, Signal]
     regulated: Mask
     closed: Mask
+    moves: Mask
     sliding: Mask
     compliance: float
     estimate: Signal | None = None
@@ -61,17 +65,18 @@ class Pressing(NamedTuple):
         begin, end = motion or (np.inf, np.inf)
         moves = (begin <= time) & (time <= end)
         desired, measured, true = (log[f"{name}_force"].values for name in ("desired", "measured", "contact"))
-        command = log["displacement_command"].values if "displacement_command" in log else None
+        command, displacement, estimate, contact = (
+            log[name].values if name in log else None
+            for name in ("displacement_command", "contact_displacement", "environment_compliance", "contact_state")
+        )
         motors = {}
         if "motor_position" in log:
             names = [str(name) for name in log["joint"].values]
             motors = dict(zip(names, log["motor_position"].values.T, strict=True))
-        estimate = log["environment_compliance"].values if "environment_compliance" in log else None
-        contact = log["contact_state"].values if "contact_state" in log else None
         closed, sliding = regulated & ~moves, regulated & moves & even
-        return cls(
-            time, desired, measured, true, contact, command, motors, regulated, closed, sliding, compliance, estimate
-        )
+        forces = (time, desired, measured, true)
+        masks = (regulated, closed, moves, sliding)
+        return cls(*forces, contact, command, displacement, motors, *masks, compliance, estimate)
 
 
 def lasts(time: Signal, part: slice) -> float:

@@ -203,7 +203,7 @@ FAULTS = (
         "the surface is ten times stiffer than the model, from the start",
         _stiffer(10.0),
         (Cause.FORCE, Cause.CONTACT),
-        (*_FORCE_OFF, *_CONTACT, *_SWINGS),
+        (*_FORCE_OFF, *_CONTACT, *_SWINGS, "compliance_off"),
         from_start=True,
     ),
     DeclaredFault(
@@ -211,7 +211,7 @@ FAULTS = (
         "the surface is ten times softer than the model, from the start",
         _stiffer(0.1),
         (Cause.CONTACT, Cause.RESPONSE),
-        (*_FORCE_OFF, *_CONTACT, *_SWINGS),
+        (*_FORCE_OFF, *_CONTACT, *_SWINGS, "compliance_off"),
         from_start=True,
     ),
     DeclaredFault(

@@ -130,7 +130,7 @@ def judged(true: Any, **changes: Any) -> list[RunFinding]:
     """Findings of a made-up true force under a reference of 10 N that the sensor shows as it is."""
     flat = np.full_like(TIME, 10.0)
     log = {"desired": flat, "measured": true, "true": true, "command": None, "motors": {}, "closed": flat > 0}
-    log |= {"regulated": flat > 0, "sliding": flat < 0}
+    log |= {"regulated": flat > 0, "moves": flat < 0, "sliding": flat < 0, "displacement": None}
     log["contact"] = np.fromiter(accumulate(true[:-1], next_state, initial=ContactMode.APPROACH), float)
     log |= {"time": TIME, "compliance": 1e-4, **changes}
     return list(force_findings(Pressing(**log), [100.0], FindingsConfig()))

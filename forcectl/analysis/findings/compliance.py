@@ -1,0 +1,39 @@
+"""Whether a surface gives as the model of it says, from the log, its truth included."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from forcectl.analysis.findings.finding import RunFinding, finding
+from forcectl.analysis.findings.pressing import Pressing
+
+_RANGE = 0.1  # of the largest reference, that the force in contact changes by at least
+_FACTOR = 2.0  # between both compliances of the surface, from where on it is worth a word
+_SHARE = 0.1  # of the model's whole compliance, that they differ by at least
+_MOST = 100.0  # times, beyond which the factor is not told
+
+
+def compliance_findings(log: Pressing, robot: float, believed: float) -> Iterator[RunFinding]:
+    """Compare what the surface gives with the model of it: a fit of the way into it over the force, at rest along it.
+
+    Args:
+        log: of a surface of one material that does not move.
+        robot: C_R of the robot [m/N].
+        believed: C_E of the model [m/N].
+    """
+    if log.displacement is None:
+        return
+    here = (log.true > 0) & ~log.moves
+    force, way = log.true[here], -log.displacement[here]  # into the surface
+    if len(force) < 2 or np.ptp(force) < _RANGE * log.desired.max() or not np.ptp(force) > 0:
+        return
+    seen = float(np.polyfit(force, way, 1)[0]) - robot
+    factor = max(believed / seen if seen > 0 else np.inf, seen / believed)
+    if factor < _FACTOR or abs(seen - believed) < _SHARE * (robot + believed):
+        return
+    side = "stiff" if seen < believed else "soft"
+    often = f"{factor:.2g}" if factor < _MOST else f"more than {_MOST:g}"
+    text = f"the surface gives {1e6 * max(seen, 0.0):.3g} um/N, that of the model {1e6 * believed:.3g} um/N"
+    yield finding("compliance_off", f"{text}: it is {often} times as {side}")
