@@ -45,6 +45,30 @@ def pytest_configure(config):
         config.add_cleanup(folder.cleanup)
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config, items):
+    """Slow tests come first in the share that each process of xdist begins with.
+
+    A share is a stretch of the tests; a process that is done with its own takes the later half of what another has
+    left. With slow tests at the end, one process would be left alone with them.
+    """
+    count = getattr(config, "workerinput", {}).get("workercount", 1)
+    if count == 1:
+        return
+    slow, fast = [], []
+    for item in items:
+        (slow if item.get_closest_marker("slow") else fast).append(item)
+    files = list(dict.fromkeys(item.path for item in slow))
+    ordered = []
+    for k in range(count):
+        own = set(files[k::count])  # a file's tests stay together, as do the fixtures that they share
+        first = [item for item in slow if item.path in own]
+        rest = max(len(items) * (k + 1) // count - len(ordered) - len(first), 0) if k < count - 1 else len(fast)
+        ordered += first + fast[:rest]
+        fast = fast[rest:]
+    items[:] = ordered
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _set_aside():
     """What outlives a file of tests is not looked through in every collection of garbage after it.
