@@ -333,15 +333,24 @@ def nest(overrides: Mapping[str, Any]) -> Tagged:
 
 
 def plain(value: Any) -> Tree:
-    """A value given from Python (dicts, tuples, NumPy numbers and arrays) as a tree; a copy of one that is a tree."""
+    """A value given from Python (dicts, tuples, NumPy numbers and arrays) as a tree; a copy of one that is a tree.
+
+    Raises:
+        BadInputError: it is nested too deeply, or holds itself.
+    """
+    return _plain(value, _SHALLOW)
+
+
+def _plain(value: Any, levels: int) -> Tree:
+    if levels < 0:
+        raise BadInputError(f"mappings and lists must be nested at most {_SHALLOW} levels deep")
     if isinstance(value, Mapping):
-        return Tagged(
-            {k: plain(v) for k, v in value.items()}, getattr(value, "tag", None), getattr(value, "given", None)
-        )
+        items = {k: _plain(v, levels - 1) for k, v in value.items()}
+        return Tagged(items, getattr(value, "tag", None), getattr(value, "given", None))
     if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
+        return [_plain(v, levels - 1) for v in value]
     if hasattr(value, "tolist"):  # NumPy, without importing it
-        return plain(value.tolist())
+        return _plain(value.tolist(), levels)
     return value
 
 

@@ -53,7 +53,13 @@ class _Drawing:
         return content
 
     def save(self, path: str | os.PathLike[str], format: str | None = None) -> None:
-        """Write a file in `format`, by default the one its name ends in; a file that exists is replaced."""
+        """Write a file in `format`, by default the one its name ends in; a file that exists is replaced.
+
+        Raises:
+            BadInputError: `path` is none, or the format is unknown.
+        """
+        if not isinstance(path, str | os.PathLike):
+            raise invalid("path", path, "the path of a file")
         content = self.render(format or format_of(path))
         Path(path).write_bytes(content.encode() if isinstance(content, str) else content)
 

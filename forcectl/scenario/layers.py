@@ -15,6 +15,7 @@ from forcectl.scenario.trees import default_parts, default_tags, path_of
 
 ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
 _LONGEST_NAME, _MOST_VARIANTS = 200, 200  # characters; variants of a scenario
+_OF_ALL = ("variants", "expect", "fidelities")  # keys of the file, of all its variants
 
 # Keys of earlier versions, and what to write instead.
 _GONE = {
@@ -52,6 +53,7 @@ class Layers:
             key = f"variants.{variant}"
             raise invalid(key, changes, "a mapping of scenario keys").at(key, file.where(key))
         forced, varied = nest(overrides), nest(changes or {})
+        self._overridden = [str(name).split(".") for name in overrides]
         # Where a default is that only this variant does not go with.
         self._variant = (f"variants.{variant}", f"variant {variant!r}") if varied else None
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
@@ -61,6 +63,7 @@ class Layers:
             (lambda key: file.where(f"variants.{variant}.{key}", f"variant {variant!r}"), varied),
             (lambda key: "override", forced),
         ]
+        self._check_changes(overrides)
         name = self.merged().get("preset", catalog.DEFAULT_PRESET)
         if name not in catalog.list_presets():
             raise unknown("preset", name, catalog.list_presets()).at("preset", self.where("preset"))
@@ -73,6 +76,25 @@ class Layers:
             whole = (nest({n: v for n, v in each.items() if n not in dotted}) for each in (changes or {}, overrides))
             if dotted and not any(_holds(tree, key.split(".")) for tree in (preset.tree, file.tree, *whole)):
                 self._layers[0] = (self._layers[0][0], merge(self._layers[0][1], nest({key: parts})))
+
+    def _check_changes(self, overrides: Mapping[str, Any]) -> None:
+        """BadInputError for an override that would be passed over, or pass over a value that is wrong."""
+        written = Tagged()
+        for _, layer in self._layers[1:-1]:  # without the defaults, of which an empty mapping leaves the parts out
+            written = merge(written, layer)
+        for key, value in overrides.items():
+            first, *rest = parts = str(key).split(".")
+            if first == "variants":
+                raise BadInputError("variants are those of the file: must not be overridden").at(key, "override")
+            around: Tree = written
+            for length, part in enumerate(rest, start=1):
+                around = around.get(parts[length - 1]) if isinstance(around, Tagged) else None
+                if isinstance(around, bool | int | float) or (isinstance(around, list) and not part.isdecimal()):
+                    name = ".".join(parts[:length])
+                    raise invalid(name, around, "a mapping").at(name, self._file.where(name))
+            empty = isinstance(value, Mapping) and not value and not getattr(value, "tag", None)
+            if empty and isinstance(around, Tagged) and around.get(parts[-1]):
+                raise invalid(key, value, "a mapping with keys: an empty one changes nothing").at(key, "override")
 
     def _drive(self) -> str:
         """Tag of the drive; empty where there is none."""
@@ -95,10 +117,13 @@ class Layers:
     def where(self, key: str) -> str:
         """Where the value at a dotted key is from: the strongest layer that holds it, or holds the part around it."""
         parts = key.split(".")
-        for length in range(len(parts), 0, -1):
-            for where, tree in reversed(self._layers[1:]):  # a default stands where the part around it does
-                if _holds(tree, parts[:length]):
-                    return where(key)
+        if any(parts[: len(each)] == each for each in self._overridden):
+            return "override"
+        for layers in (self._layers[1:-1], self._layers[-1:]):  # an override of something beside it comes last
+            for length in range(len(parts), 0, -1):
+                for where, tree in reversed(layers):  # a default stands where the part around it does
+                    if _holds(tree, parts[:length]):
+                        return where(key)
         return self._file.where(key) if self._variant is None else self._file.where(*self._variant)
 
     def check_gone(self, tree: Tagged) -> None:
@@ -131,6 +156,8 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     Raises:
         BadInputError: no variant of that name, or variants that are none.
     """
+    if not isinstance(variant, str | None):
+        raise invalid("variant", variant, "the name of a variant or None")
     variants = file.tree.get("variants") or Tagged({ONLY_VARIANT: Tagged()})
     if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
         wanted = "a mapping of names to values (quote names)"
@@ -141,14 +168,26 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     try:
         check_names("variants", variants)
         for name, changes in variants.items():
-            if isinstance(changes, Tagged) and "variants" in changes:
-                raise BadInputError(" has variants of its own: must not", key=f"variants.{name}")
+            for key in changes if isinstance(changes, Tagged) else ():
+                first, *rest = str(key).split(".")
+                if first in _OF_ALL:
+                    raise BadInputError(f" has {first} of its own: must not", key=f"variants.{name}")
+                if rest and _written(changes, [first, *rest]):
+                    raise BadInputError(" stands twice: must stand once", key=f"variants.{name}.{key}")
         check_different("variants", {name: changes or Tagged() for name, changes in variants.items()})
     except BadInputError as error:
         raise error.at(error.key, file.where(error.key)) from None
     if variant is not None and variant not in variants:
         raise unknown(f"variant of {file.origin}", variant, variants)
     return list(variants) if variant is None else [variant]
+
+
+def _written(tree: Tree, parts: list[str]) -> bool:
+    for part in parts:
+        if not isinstance(tree, Tagged) or part not in tree:
+            return False
+        tree = tree[part]
+    return True
 
 
 def check_names(kind: str, names: Iterable[str]) -> None:

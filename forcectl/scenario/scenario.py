@@ -223,7 +223,13 @@ def _loaded(
 
 
 def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fidelity: str | None) -> dict[str, Any]:
-    """Overrides with the values that have an argument of their own."""
+    """Overrides with the values that have an argument of their own.
+
+    Raises:
+        BadInputError: overrides that are no mapping.
+    """
+    if not isinstance(overrides, Mapping | None):
+        raise invalid("overrides", overrides, "a mapping of dotted keys to values")
     shortcuts = {"seed": seed, "station.fidelity": fidelity}
     return dict(overrides or {}) | {key: value for key, value in shortcuts.items() if value is not None}
 

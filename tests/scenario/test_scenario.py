@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 import textwrap
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -324,3 +326,54 @@ def test_a_default_that_does_not_fit_stands_where_the_part_around_it_does(tmp_pa
         BadInputError, match=r"^mine\.yaml:2: station\.drive\.position_loop\.delay = 0\.002: must be zero"
     ):
         fc.run(path)
+
+
+def in_itself() -> dict[str, Any]:
+    tree: dict[str, Any] = {}
+    tree["station"] = tree
+    return tree
+
+
+@pytest.mark.parametrize(
+    ("scenario", "arguments", "line"),
+    [
+        ({}, {"overrides": [1]}, r"overrides = \[1\]: must be a mapping of dotted keys to values"),
+        ({}, {"overrides": "duration=1"}, "overrides = 'duration=1': must be a mapping of dotted keys to values"),
+        ({}, {"variant": ["default"]}, r"variant = \['default'\]: must be the name of a variant or None"),
+        (in_itself(), {}, "mappings and lists must be nested at most 100 levels deep"),
+        (
+            {},
+            {"overrides": {"variants.a.duration": 3}},
+            "override: variants.a.duration: variants are those of",
+        ),
+        ({"station": []}, {"fidelity": "Kinematic"}, r"scenario: station = \[\]: must be a mapping"),
+        (
+            "peg_in_hole",
+            {"overrides": {"controller.modes": {}}},
+            "override: controller.modes = {}: must be a mapping with keys: an empty one changes nothing",
+        ),
+        ({"variants": {"a": {"expect": []}}}, {}, "variants.a has expect of its own: must not"),
+        ({"variants": {"a": {"fidelities": ["Kinematic"]}}}, {}, "variants.a has fidelities of its own: must not"),
+        (
+            {"variants": {"a": {"controller": {"integral_gain": 3}, "controller.integral_gain": 2}}},
+            {},
+            "variants.a.controller.integral_gain stands twice: must stand once",
+        ),
+    ],
+)
+def test_what_would_be_passed_over_is_refused(scenario: Any, arguments: dict[str, Any], line: str) -> None:
+    with pytest.raises(BadInputError, match=line):
+        load_scenario(scenario, **arguments)
+
+
+def test_an_empty_mapping_leaves_out_default_parts() -> None:
+    assert load_scenario({}, overrides={"station.sensors": {}}).station.sensors == {}
+
+
+def test_an_override_of_something_else_in_a_part_is_not_where_its_mistakes_are_from(tmp_path: Path) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_text("duration: 0.1\nstation:\n  time_step: 0.0007\n")
+    with pytest.raises(BadInputError, match=r"own.yaml:2: station.period = 0.002: must be zero or a whole multiple"):
+        build(path, fidelity="Kinematic")
+    with pytest.raises(BadInputError, match=r"override: station.period"):
+        build(path, overrides={"station.period": 0.002})

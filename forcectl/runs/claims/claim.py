@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.interrupts import Interrupts, before_leaving
 from forcectl.runs.claims.kept import VARIANTS, salvage
 from forcectl.runs.claims.lock import InUseError, StorageError, locked
@@ -183,6 +183,8 @@ def claimed(place: Place, force: bool = False) -> Iterator[Claim]:
         BadInputError: it cannot be written to, it exists and `force` is not given, or another process is at work on it
             (`InUseError`), which is named.
     """
+    if not isinstance(place, Place):
+        raise invalid("out", place, "the path of a directory")
     claim = None
     with contextlib.ExitStack() as stack:
         try:
@@ -230,7 +232,7 @@ def of_partial(folder: Path) -> Path:
 
 
 def check_free(directory: Path, force: bool) -> None:
-    """Refuse a directory that exists, before any work is done.
+    """Refuse a directory that exists, or lies in that of a run, before any work is done.
 
     Args:
         directory: where the run is to be written.
@@ -239,6 +241,10 @@ def check_free(directory: Path, force: bool) -> None:
     Raises:
         BadInputError: names the directory and the way out.
     """
+    for parent in directory.absolute().parents:
+        if is_complete(parent):
+            where = f"output {str(directory)!r} is in the directory of a run, {str(parent)!r}"
+            raise BadInputError(f"{where}, and would be gone when that is replaced: name another one")
     if not os.path.exists(directory):
         return
     if not force:

@@ -192,3 +192,19 @@ def test_a_command_that_is_ended_at_once_leaves_no_claim(tmp_path, number):
     done = subprocess.run(arguments, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (130, "interrupted: nothing was kept\n")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_run_is_not_written_into_that_of_another_which_may_be_replaced(tmp_path, force):
+    run = tmp_path / "run"
+    run.mkdir()
+    for name in ("manifest.json", "metrics.json", "log.nc"):
+        (run / name).touch()
+    with pytest.raises(BadInputError, match=r"output '.*run/a/b' is in the directory of a run, '.*run', and would"):
+        write_whole(run / "a" / "b", lambda folder: None, force)
+    assert not (run / "a").exists()
+
+
+def test_a_place_is_a_path():
+    with pytest.raises(BadInputError, match="out = 5: must be the path of a directory"):
+        write_whole(5, lambda folder: None)
