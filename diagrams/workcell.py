@@ -270,7 +270,9 @@ def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
     if outside.any():
         joint = int(np.argmax(outside))
         low, high = np.degrees([robot.limits.position_lower[joint], robot.limits.position_upper[joint]])
-        raise invalid(f"posture_deg.{joint}", float(np.degrees(posture[joint])), f"from {low:.4g} to {high:.4g}")
+        raise invalid(
+            f"posture_deg.{joint}", float(f"{np.degrees(posture[joint]):.9g}"), f"from {low:.4g} to {high:.4g}"
+        )
     return posture
 
 

@@ -103,8 +103,9 @@ def unknown(kind: str, name: object, known: Iterable[str]) -> BadInputError:
     lower = {k.lower(): k for k in names}
     near = difflib.get_close_matches(str(name).lower(), lower, n=1, cutoff=0.5)
     hint = f"did you mean {lower[near[0]]!r}? " if near else ""
-    allowed = f"one of {', '.join(names)}"
-    text = f"unknown {kind} {show(name)}: {hint}known: {', '.join(names)}"
+    listed = ", ".join(each or "''" for each in names)
+    allowed = f"one of {listed}"
+    text = f"unknown {kind} {show(name)}: {hint}known: {listed}"
     field = kind.partition(" (")[0].partition(" of ")[0].replace(" ", "_")
     return BadInputError(text, field=field, value=name, allowed=allowed)
 

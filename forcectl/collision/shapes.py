@@ -217,15 +217,22 @@ class RobotShapes:
         kept = [pair for pair in self.pairs if pair not in left_out]
         return RobotShapes(self.tree, self.parts, self.solids, kept)
 
+    @property
+    def names(self) -> list[str]:
+        """What may be named, see `without`: tools, bodies and shapes."""
+        every = [name for solid in self.solids for name in _names(solid)]
+        return sorted(dict.fromkeys(every), key=len)
+
     def _named(self, name: str) -> list[int]:
-        found = []
-        for i, solid in enumerate(self.solids):
-            whole = solid.name.split("::")[0]
-            if name in (solid.name, whole, *whole.split("/")):
-                found.append(i)
+        found = [i for i, solid in enumerate(self.solids) if name in _names(solid)]
         if not found:
             raise unknown("shape", name, [each.name for each in self.solids])
         return found
+
+
+def _names(solid: Solid) -> tuple[str, ...]:
+    whole = solid.name.split("::")[0]
+    return *whole.split("/"), whole, solid.name
 
 
 def _around(mesh: Mesh | Convex) -> Enclosure:

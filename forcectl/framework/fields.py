@@ -274,7 +274,7 @@ def _check(name: str, value: Any, declared: Key, kind: Any, default: Any) -> Non
     elif kind is str and not isinstance(value, str | PurePath):
         raise invalid(name, value, "text")
     elif kind is str and (known := declared.chosen()) and value not in known:
-        raise unknown(name, value, known).at(name)
+        raise unknown(name.partition(".")[0], value, known).at(name)  # of "coordinates.1": coordinates
 
 
 def _check_list(name: str, values: Any, declared: Key, kind: Any) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,9 +157,9 @@ class JointMovesConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for before, after in zip(self.postures, self.postures[1:], strict=False):
-            if after.start < before.start + before.duration:
-                raise invalid("postures", after.start, f"after the move before, {before.start + before.duration:g} s")
+        for i, (before, after) in enumerate(pairwise(self.postures), start=1):
+            if after.start < (end := before.start + before.duration):
+                raise invalid(f"postures.{i}.start", after.start, f"at least {end:g} s, after the move before")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> JointPath:
         """Add the path.
@@ -169,7 +170,8 @@ class JointMovesConfig(Config):
         limits, parts, last = model.known_robot().limits, [], model.start
         for i, one in enumerate(self.postures):
             if len(one.posture_deg) != model.num_joints:
-                raise BadInputError(f"postures[{i}] has {len(one.posture_deg)} angles: must have {model.num_joints}")
+                text = f" has {len(one.posture_deg)} angles: must have {model.num_joints}"
+                raise BadInputError(text, key=f"postures.{i}.posture_deg")
             there = np.radians(one.posture_deg)
             if np.any((there < limits.position_lower) | (there > limits.position_upper)):
                 raise invalid(f"postures.{i}.posture_deg", one.posture_deg, "within the joint limits")

@@ -21,7 +21,7 @@ from forcectl.motion.group_planner import GroupPlan, GroupPlanner
 
 Array = NDArray[np.float64]
 
-_SLOWEST = 100.0  # longest time from rest to the velocity limit [s]
+SLOWEST = 100.0  # longest time from rest to the velocity limit [s]
 _SAME = 1e-9  # motions that differ by less, relative to the size of the numbers, are one
 
 
@@ -87,15 +87,20 @@ class TrajectoryState(_Rows):
         return Motion(*self[_MOTION])
 
 
+def time_to_speed(velocity: Any, acceleration: Any, jerk: Any) -> Any:
+    """How long it takes from rest to the velocity limit; numbers, or arrays of one shape [s]."""
+    ramp = np.minimum(acceleration / jerk, np.sqrt(velocity / jerk))
+    return ramp + velocity / (ramp * jerk)
+
+
 def check_limits_together(limits: Limits) -> None:
     """BadInputError when the velocity limit is out of reach: more than 100 s from rest with the other two."""
     velocity, acceleration, jerk = limits
-    ramp = np.minimum(acceleration / jerk, np.sqrt(velocity / jerk))
-    slowest = float(np.max(ramp + velocity / (ramp * jerk)))
-    if not slowest <= _SLOWEST:
+    slowest = float(np.max(time_to_speed(velocity, acceleration, jerk)))
+    if not slowest <= SLOWEST:
         raise BadInputError(
             f"velocity_limit = {velocity.tolist()}: takes {slowest:.3g} s from rest with acceleration_limit = "
-            f"{acceleration.tolist()} and jerk_limit = {jerk.tolist()}: must take at most {_SLOWEST:g} s"
+            f"{acceleration.tolist()} and jerk_limit = {jerk.tolist()}: must take at most {SLOWEST:g} s"
         )
 
 

@@ -34,12 +34,14 @@ class Mode:
         constraints: that are kept beside the controller's.
         criterion: of the null space; None: the controller's.
         weights: of its priority levels, or one for all; None: the controller's.
+        name: for messages; "": its number.
     """
 
     tasks: Sequence[ArmTask] | None = None
     constraints: Sequence[Constraint] = ()
     criterion: AnyCriterion | None = None
     weights: Weights | Sequence[Weights] | None = None
+    name: str = ""
 
 
 class BuiltMode(NamedTuple):
@@ -92,7 +94,7 @@ class ModeBuilder:
         """The modes; without any the one of the controller itself.
 
         Raises:
-            BadInputError: something of a mode does not fit; the message begins with its number.
+            BadInputError: something of a mode does not fit; the message begins with its name or number.
         """
         if not modes:
             return [self._built(Mode(), from_start=True)]
@@ -101,7 +103,10 @@ class ModeBuilder:
             try:
                 found.append(self._built(mode, from_start=number == 0))
             except BadInputError as error:
-                raise BadInputError(f"mode {number}: {error}") from error.__cause__
+                which = f"mode {mode.name or number}"
+                if not error.key:
+                    raise BadInputError(f"{which}: {error}") from error.__cause__
+                raise error.at(f"{which}: {error.key}") from error.__cause__
         return found
 
     def _built(self, mode: Mode, *, from_start: bool) -> BuiltMode:

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort, System
 
+from forcectl.errors import invalid
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_outputs
-from forcectl.motion.trajectory import Limits, limits_of
+from forcectl.motion.trajectory import SLOWEST, Limits, limits_of, time_to_speed
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.reactive_controller import READINGS, ReactiveController
@@ -33,6 +34,15 @@ class MotionLimitsConfig(Config):
     turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="positive")
     turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
     turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for turn, unit in (("", "m/s"), ("turn_", "rad/s")):
+            speed, acceleration, jerk = (getattr(self, f"{turn}{name}") for name in ("speed", "acceleration", "jerk"))
+            if time_to_speed(speed, acceleration, jerk) > SLOWEST:
+                slow = "acceleration" if speed > acceleration * SLOWEST else "jerk"
+                allowed = f"enough for {turn}speed = {speed:g} {unit} within {SLOWEST:g} s from rest"
+                raise invalid(f"{turn}{slow}", getattr(self, f"{turn}{slow}"), allowed)
 
     def of(self, tasks: Sequence[ArmTask]) -> Limits:
         """The limits of the coordinates of all tasks."""

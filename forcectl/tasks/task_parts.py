@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.errors import unknown
 from forcectl.framework.euler_angles import EulerAngles, angles_of
 from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
@@ -102,6 +103,9 @@ class RelativeTaskConfig(_TaskConfig):
 
     def task(self, start: ArmsMotion) -> RelativeTask:
         """See `TaskPart`."""
+        for name in ("leader", "follower"):
+            if (arm := getattr(self, name)) not in start.arm_names:
+                raise unknown("arm", arm, start.arm_names).at(name)
         leader = _frame(self.leader_position, self.leader_rotation_deg)
         follower = _frame(self.follower_position, self.follower_rotation_deg)
 

@@ -187,7 +187,7 @@ def test_moves_reach_their_postures():
 @pytest.mark.parametrize(
     ("postures", "message"),
     [
-        ([PostureConfig(posture_deg=[1.0])], "postures[0] has 1 angles: must have 7"),
+        ([PostureConfig(posture_deg=[1.0])], "postures.0.posture_deg has 1 angles: must have 7"),
         ([PostureConfig(posture_deg=[999.0] * 7)], "within the joint limits"),
         ([PostureConfig(posture_deg=[0.0] * 7, duration=0.1)], "duration = 0.1: must be at least"),
     ],
@@ -199,7 +199,7 @@ def test_a_posture_that_cannot_be_is_refused_by_name(postures, message):
 
 
 def test_moves_that_overlap_are_refused():
-    with pytest.raises(BadInputError, match=r"after the move before, 1\.5 s"):
+    with pytest.raises(BadInputError, match=r"postures\.1\.start = .*must be at least 1\.5 s, after the move before"):
         JointMovesConfig(postures=[PostureConfig(start=0.5), PostureConfig(start=1.0)])
 
 

@@ -121,7 +121,10 @@ def test_overrides_reach_every_part(short):
             "station.loads: [{wrenches: [[0, 0, 1]]}]",
             "station.loads.0.wrenches.0 = [0.0, 0.0, 1.0]: must be six numbers",
         ),
-        ("controller: !JointMoves {postures: [{posture_deg: [0]}]}", "postures[0] has 1 angles: must have 7"),
+        (
+            "controller: !JointMoves {postures: [{posture_deg: [0]}]}",
+            "postures.0.posture_deg has 1 angles: must have 7",
+        ),
         ("signals: {joint_position: !From {part: sensors}}", "unknown part 'sensors': known: station"),
         ("model: {friction: none.yaml}", "model.friction = 'none.yaml': cannot be read"),
         ("model: {inertia_scale: 0}", "model.inertia_scale = 0.0: must be from 0.001 to 1000"),

@@ -24,7 +24,7 @@ from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
 from forcectl.robot.model import JointLimits, unit_normal
-from forcectl.tasks.constraints.parts import constraints_of
+from forcectl.tasks.constraints.parts import at_keys, constraints_of
 
 Array = NDArray[np.float64]
 
@@ -172,24 +172,26 @@ class InvarianceRobotConfig(Config):
             raise BadInputError("controller !InvarianceRobot commands joints: there must be a robot in the loop")
         known = self.compliance_error * model.total_compliance.item()
         compliance = self.compliance_error * _robot_compliance(model)
-        controller = InvarianceController(
-            model,
-            compliance=known if self.adaptation is None else None,
-            gamma=self.gamma,
-            upper_acceleration=self.upper_acceleration,
-            maximum_force=self.maximum_force,
-            nominal_gain=self.nominal_gain,
-            metric=self.metric,
-            limits=self.limits.limits(model.known_robot().limits),
-            constraints=constraints_of(self.constraints, model),
-            outputs=[output.output(compliance, model.n) for output in self.outputs],
-            tracking_bandwidth=self.tracking_bandwidth,
-            tracking_acceleration=self.tracking_acceleration,
-            sensor=SensorLag.of(model),
-            period=model.period,
-            solver=self.solver,
-            approached=approached,
-        )
+        constraints = constraints_of(self.constraints, model)
+        with at_keys((f"constraints.{i}", one) for i, one in enumerate(constraints)):
+            controller = InvarianceController(
+                model,
+                compliance=known if self.adaptation is None else None,
+                gamma=self.gamma,
+                upper_acceleration=self.upper_acceleration,
+                maximum_force=self.maximum_force,
+                nominal_gain=self.nominal_gain,
+                metric=self.metric,
+                limits=self.limits.limits(model.known_robot().limits),
+                constraints=constraints,
+                outputs=[output.output(compliance, model.n) for output in self.outputs],
+                tracking_bandwidth=self.tracking_bandwidth,
+                tracking_acceleration=self.tracking_acceleration,
+                sensor=SensorLag.of(model),
+                period=model.period,
+                solver=self.solver,
+                approached=approached,
+            )
         if self.adaptation is None:
             return builder.AddNamedSystem("invariance_controller", controller)
         block = AdaptiveInvarianceController(controller, self.adaptation.estimator(model), model)

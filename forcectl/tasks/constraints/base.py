@@ -33,7 +33,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from forcectl.errors import BadInputError, invalid, one_line
+from forcectl.errors import BadInputError, about, invalid, one_line
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.kernels import largest
 from forcectl.robot.model import JointLimits, unit_normal
@@ -257,8 +257,12 @@ class ConstraintSet:
         self._n, self._period = len(start.q), check("period", period, "positive")
         self._approach = check("approach", approach, "not negative")
         self._slowing = max(self._approach, self._period)
-        every = [part for c in constraints for part in (c, *getattr(c, "companions", ()))]
-        found = [(c, *_try(c, start, gamma, from_start)) for c in every]
+        every, found = [], []
+        for constraint in constraints:
+            with about(constraint):
+                parts = [constraint, *getattr(constraint, "companions", ())]
+                every += parts
+                found += [(part, *_try(part, start, gamma, from_start)) for part in parts]
         names = dict(zip(map(id, every), _row_names([(c, rows) for c, rows, _ in found]), strict=True))
         found.sort(key=lambda item: item[0].relative_degree)
         self.row_names = [name for c, _, _ in found for name in names[id(c)]]
@@ -363,8 +367,9 @@ def _margin(constraint: Constraint) -> float:
 def _try(constraint: Any, start: RobotMotion, gamma: float, must_hold: bool) -> tuple[int, float]:
     """Number of rows and gamma of a constraint."""
     name, n = type(constraint).__name__, len(start.q)
+    whole = f"constraint {name}"
     if not isinstance(constraint, Constraint):
-        raise BadInputError(f"constraint {name} lacks relative_degree or evaluate(motion)")
+        raise BadInputError(f"{whole} lacks relative_degree or evaluate(motion)")
     if constraint.relative_degree not in (0, 1, 2):
         raise invalid(f"relative_degree of constraint {name}", constraint.relative_degree, "0, 1 or 2")
     own = getattr(constraint, "gamma", gamma)
@@ -379,14 +384,13 @@ def _try(constraint: Any, start: RobotMotion, gamma: float, must_hold: bool) -> 
     except BadInputError:
         raise
     except Exception as error:  # whatever a user's constraint does
-        raise BadInputError(f"constraint {name}: evaluate must return {wanted}, but: {one_line(error)}") from error
+        raise BadInputError(f"evaluate must return {wanted}, but: {one_line(error)}", key=whole) from error
     if row.shape not in ((n,), (rows, n)) or rows < 1:
-        raise BadInputError(f"constraint {name}: evaluate returned a row of shape {row.shape}: must return {wanted}")
+        raise BadInputError(f"evaluate returned a row of shape {row.shape}: must return {wanted}", key=whole)
     if not (np.isfinite(row).all() and all(np.isfinite(part).all() for part in together)):
-        raise BadInputError(f"constraint {name}: is not finite in the start posture")
+        raise BadInputError("is not finite in the start posture", key=whole)
     if must_hold and constraint.relative_degree > 0 and together[0].max() > 0:
         why = f" ({constraint.nearest(start.q)})" if hasattr(constraint, "nearest") else ""
-        raise BadInputError(
-            f"constraint {name}: is violated in the start posture, by {together[0].max():.3g}{why}: must hold there"
-        )
+        text = f"is violated in the start posture, by {together[0].max():.3g}{why}: must hold there"
+        raise BadInputError(text, key=whole)
     return rows, float(own)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import RobotShapes
+from forcectl.errors import BadInputError, parts_of
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
@@ -36,6 +38,24 @@ def made_constraint(part: ConstraintPart, model: PlantModel, key: str) -> Constr
     """The constraint of a part that stands at `key`, see `made_by`."""
     wanted = "an object with relative_degree and evaluate(motion)"
     return made_by(part, "constraint", key, Constraint, wanted, model)
+
+
+@contextmanager
+def at_keys(keys: Iterable[tuple[str, Constraint]]) -> Iterator[None]:
+    """What is refused within is about the key of the constraint that it is about.
+
+    Args:
+        keys: of constraints in the configuration, each with the constraint.
+    """
+    try:
+        yield
+    except BadInputError as error:
+        parts = parts_of(error)
+        for key, constraint in keys:
+            if any(part is constraint for part in parts):
+                about_whole = error.key and not error.text.startswith(" ")
+                raise (error if about_whole else BadInputError(str(error))).at(key) from error.__cause__
+        raise
 
 
 @dataclass(kw_only=True)

@@ -18,7 +18,7 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import Constraint
-from forcectl.tasks.constraints.parts import constraints_of
+from forcectl.tasks.constraints.parts import at_keys, constraints_of
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.modes import Mode
 from forcectl.tasks.null_space import AnyCriterion
@@ -94,11 +94,14 @@ class TaskControllerConfig(Config):
         shapes = RobotShapes.load(*robot.source) if self.link_distance > 0 else None
         always = constraints_of(self.constraints, model)
         apart: dict[str, list[LinkDistance]] = {}  # modes in which the same may touch have the same distances
-        kept = []
+        kept, keys = [], [(f"constraints.{i}", one) for i, one in enumerate(always)]
         for at, mode in _keys(modes or {"": ModeConfig()}):
             if (touching := repr(mode.touching)) not in apart:
-                apart[touching] = self._apart(shapes, model, mode.touching)
-            kept.append([*apart[touching], *constraints_of(mode.constraints, model, f"{at}.constraints")])
+                apart[touching] = self._apart(shapes, model, mode.touching, f"{at}.touching")
+                keys += [("link_distance", one) for one in apart[touching]]
+            own = constraints_of(mode.constraints, model, f"{at}.constraints")
+            keys += [(f"{at}.constraints.{i}", one) for i, one in enumerate(own)]
+            kept.append([*apart[touching], *own])
 
         def criterion(part: Any, key: str, constraints: Sequence[Constraint]) -> AnyCriterion:
             wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
@@ -111,25 +114,32 @@ class TaskControllerConfig(Config):
             if mode.null_space:
                 part, place = mode.null_space[0], f"{at}.null_space.0"
             followed = _followed(mode, tasks, f"{at}.tasks")
-            made.append(Mode(followed, own, criterion(part, place, [*own, *always])))
-        return ReactiveController(
-            robot,
-            list(tasks.values()),
-            start=model.start,
-            criterion=criterion(self.null_space, "null_space", [*kept[0], *always]),
-            constraints=[*([] if modes else kept[0]), *always],
-            modes=made,
-            limits=limits,
-            period=model.period,
-            solver=self.solver,
-        )
+            name = at.removeprefix("modes.")
+            made.append(Mode(followed, own, criterion(part, place, [*own, *always]), name=name))
+        with at_keys(keys):
+            return ReactiveController(
+                robot,
+                list(tasks.values()),
+                start=model.start,
+                criterion=criterion(self.null_space, "null_space", [*kept[0], *always]),
+                constraints=[*([] if modes else kept[0]), *always],
+                modes=made,
+                limits=limits,
+                period=model.period,
+                solver=self.solver,
+            )
 
     def _apart(
-        self, shapes: RobotShapes | None, model: PlantModel, touching: Sequence[Sequence[str]]
+        self, shapes: RobotShapes | None, model: PlantModel, touching: Sequence[Sequence[str]], key: str
     ) -> list[LinkDistance]:
-        """The distances of the links from each other and from boxes, but for what may touch."""
+        """The distances of the links from each other and from boxes, but for what may touch, which stands at `key`."""
         if shapes is None:
             return []
+        known = [*shapes.names, *model.obstacles]
+        for i, pair in enumerate(touching):
+            for name in pair:
+                if name not in known:
+                    raise unknown("shape", name, known).at(f"{key}.{i}")
         boxes = [Obstacle(Box(*box.size), box.pose, name) for name, box in model.obstacles.items()]
         of_boxes = [(a, b) for a, b in touching if a in model.obstacles or b in model.obstacles]
         of_links = [(a, b) for a, b in touching if (a, b) not in of_boxes]

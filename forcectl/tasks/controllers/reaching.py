@@ -30,7 +30,7 @@ from forcectl.tasks.task_parts import TaskTargetConfig, start_motion
 _FARTHEST = 10.0  # [m or rad] beyond is no target of any arm, but a mistake
 
 Array = NDArray[np.float64]
-NamedTask = tuple[str, ArmTask, list[TaskTargetConfig]]  # its name in the scenario, and its targets over time
+NamedTask = tuple[str, ArmTask, list[tuple[str, TaskTargetConfig]]]  # name in the scenario, targets with their keys
 
 
 @dataclass(kw_only=True)
@@ -97,14 +97,23 @@ class ReactiveReachingConfig(TaskControllerConfig):
 
     def _tasks(self, start: ArmsMotion) -> list[NamedTask]:
         if self.tasks:
-            return [(name, task, self.tasks[name].targets) for name, task in self.made_tasks(start).items()]
-        for target in self.targets:
+            return [
+                (
+                    name,
+                    task,
+                    [(f"tasks.{name}.targets.{i}.value", one) for i, one in enumerate(self.tasks[name].targets)],
+                )
+                for name, task in self.made_tasks(start).items()
+            ]
+        for i, target in enumerate(self.targets):
             if target.arm not in start.arm_names:
-                raise unknown("targets.arm", target.arm, start.arm_names)
-        targets, found = self.targets or self.random_moves.targets(start), []
+                raise unknown("arm", target.arm, start.arm_names).at(f"targets.{i}.arm")
+        places = [(f"targets.{i}.position", each) for i, each in enumerate(self.targets)]
+        places = places or [("random_moves.extent", each) for each in self.random_moves.targets(start)]
+        found: list[NamedTask] = []
         for arm in start.arm_names:
             task = ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation))
-            found.append((arm, task, [each.of_task() for each in targets if each.arm == arm]))
+            found.append((arm, task, [(key, each.of_task()) for key, each in places if each.arm == arm]))
         return found
 
 
@@ -115,15 +124,16 @@ def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:
         BadInputError: a target of another size than its task.
     """
     steps, begin = [], 0
-    for name, task, targets in tasks:
-        for i, target in enumerate(targets):
+    for _, task, targets in tasks:
+        for where, target in targets:
             if len(target.value) != task.size:
                 wrong = f" has {len(target.value)} numbers: must have {task.size}, one per coordinate"
-                raise BadInputError(wrong, key=f"tasks.{name}.targets.{i}.value")
+                raise BadInputError(wrong, key=where)
             place = slice(begin, begin + task.size)
             if not (np.abs(np.subtract(target.value, now[place])) <= _FARTHEST).all():
-                near = f"within {_FARTHEST:g} m or rad of the start, {np.round(now[place], 3).tolist()}"
-                raise BadInputError(f"{name}: target {i + 1} is {target.value}: must be {near}", key="targets")
+                shown = slice(None if where.endswith(".value") else 3)  # a position is written without its turn
+                near = f"within {_FARTHEST:g} m or rad of the start, {np.round(now[place], 3)[shown].tolist()}"
+                raise invalid(where, target.value[shown], near)
             steps.append((target.time, place, target.value))
         begin += task.size
     values = {0.0: now}

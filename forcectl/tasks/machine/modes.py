@@ -147,6 +147,8 @@ def _check_ways(place: str, name: str, mode: MachineModeConfig, modes: Modes) ->
         if not mode.exits:
             raise BadInputError(" is a dead end: must have a timeout and exits, or be an end", key=place)
         raise invalid(f"{place}.timeout", mode.timeout, "given in a mode that is no end")
+    if not mode.on_timeout:
+        raise BadInputError(" is missing: must be the mode that begins after the timeout", key=f"{place}.on_timeout")
     targets = {f"{place}.exits.{i}.to": exit_.to for i, exit_ in enumerate(mode.exits)}
     for key, target in (targets | {f"{place}.on_timeout": mode.on_timeout}).items():
         _check_mode(key, target, modes)

@@ -236,7 +236,7 @@ def test_a_wrong_value_in_a_scenario_is_one_line(own_module: None, tmp_path: Pat
         ),
         (
             InvarianceRobotConfig(constraints=[WallConfig(point=[0, 0, 0], normal=[-1, 0, 0])]),
-            "controller: constraint CartesianWall: is violated in the start posture",
+            "controller.constraints.0: is violated in the start posture",
         ),
         (InvarianceRobotConfig(outputs=[OutputConfig(axis=[0, 1, 1], displacement=0.01)]), "perpendicular"),
     ],

@@ -1,0 +1,68 @@
+"""What makes no sense of machines, tasks and robots is refused in one line with the key as it is written."""
+
+from __future__ import annotations
+
+import pytest
+
+from forcectl.cli.target import parse_settings
+from forcectl.errors import BadInputError
+from forcectl.scenario.scenario import build
+
+ALIGN = "controller.modes.align"
+WALL = "!Wall {point: [0, 0, 5], normal: [0, 0, 1], arm: left}"
+NEAR = "jerk = 1e-08: must be enough for speed = 0.075 m/s within 100 s from rest"
+MOVES = "controller=!JointMoves {postures: [{posture_deg: [0, 0, 0, 0, 0, 0], start: 5}, {start: 1}]}"
+# Experiment; what is set; how the message goes on after the option.
+REFUSED = [
+    # modes, constraints and tasks by their names and keys
+    ("peg_in_hole", f"controller.constraints=[{WALL}]", "controller.constraints.0: is violated in the start posture"),
+    (
+        "peg_in_hole",
+        f"controller.modes.settle.constraints=[{WALL}]",
+        "controller.modes.settle.constraints.0: is violated in the start posture, by",
+    ),
+    ("peg_in_hole", "controller.link_distance=5", "controller.link_distance: is violated in the start posture, by"),
+    ("peg_in_hole", f"{ALIGN}.touching=[[a, b]]", f"{ALIGN}.touching.0: unknown shape 'a': known: "),
+    ("peg_in_hole", f"{ALIGN}.end=succes", f"{ALIGN}.end: unknown end 'succes': did you mean 'success'? known: '', s"),
+    ("peg_in_hole", f"{ALIGN}.on_timeout=''", f"{ALIGN}.on_timeout is missing: must be the mode that begins after the"),
+    ("peg_in_hole", "controller.motion_limits.jerk=1e-8", f"controller.motion_limits.{NEAR}"),
+    ("peg_in_hole", f"{ALIGN}.motion_limits={{speed: 0.075, jerk: 1e-8}}", f"{ALIGN}.motion_limits.{NEAR}"),
+    (
+        "peg_in_hole",
+        "controller.motion_limits.turn_acceleration=1e-8",
+        "controller.motion_limits.turn_acceleration = 1e-08: must be enough for turn_speed = 1.5 rad/s within 100 s",
+    ),
+    ("peg_in_hole", "controller.tasks.insert.leader=middle", "controller.tasks.insert.leader: unknown arm 'middle': k"),
+    (
+        "peg_in_hole",
+        "controller.tasks.insert.coordinates=[x, q]",
+        "controller.tasks.insert.coordinates.1: unknown coordinates 'q': known: x, y",
+    ),
+    (
+        "fig_5_3",
+        "controller.targets=[{arm: left, position: [0, 0, 0.5]}, {arm: middle, position: [0, 0, 0]}]",
+        "controller.targets.1.arm: unknown arm 'middle': known: left, right",
+    ),
+    (
+        "fig_5_3",
+        "controller.targets=[{arm: left, position: [0, 0, 90]}]",
+        "controller.targets.0.position = [0.0, 0.0, 90.0]: must be within 10 m or rad of the start",
+    ),
+    ("fig_3_4_robot", f"controller.constraints=[{WALL}]", "controller.constraints.0.arm: unknown arm 'left': known: a"),
+    (
+        "fig_3_4_robot",
+        "controller.constraints=[!LinkDistance {minimum: 3}]",
+        "controller.constraints.0: is violated in the start posture, by",
+    ),
+    ("fig_3_4", "station.posture_deg=[500, 0, 0, 0, 0, 0]", "station.posture_deg.0 = 500.0: must be from -170 to 170"),
+    ("fig_2_7", MOVES, "controller.postures.1.start = 1.0: must be at least 6 s, after the move before"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED, ids=lambda case: f"{case[0]}: {case[1]}")
+def test_nonsense_is_refused_by_the_key_that_was_written(case):
+    experiment, setting, message = case
+    with pytest.raises(BadInputError) as caught:
+        build(experiment, overrides=parse_settings([setting]))
+    assert str(caught.value).startswith(f"override: {message}")
+    assert "\n" not in str(caught.value)
