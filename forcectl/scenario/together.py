@@ -74,11 +74,7 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
         raise invalid("after_end", scenario.after_end, "null: there is no state machine that ends")
     for name, analysis in scenario.analyses.items():
         check_needs(analysis, loop.signals, f"analyses.{name}")
-    fastest = 0.5 / loop.workcell.period
-    if getattr(scenario.reference, "frequency", 0.0) >= fastest:
-        raise invalid(
-            "reference.frequency", scenario.reference.frequency, f"below {fastest:g} Hz, half the rate of control"
-        )
+    _check_frequencies(scenario, loop.workcell.period)
     if "desired_force" in loop.signals:
         _check_forces(scenario, loop.workcell.period)
     check_distinct("log", scenario.log)
@@ -129,6 +125,19 @@ def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
 def _check_rate(key: str, law: Any, period: float) -> None:
     """In a tick a law goes less than twice as far as it is away: its loop would not settle."""
     for field in fields(law) if isinstance(law, Config) else ():  # type: ignore[arg-type]
+def _check_frequencies(scenario: Scenario, period: float) -> None:
+    """What is sampled once in a control tick [s] has less than half its frequency."""
+    for name in ("reference", "motion", "controller"):
+        for key, part in _configs(getattr(scenario, name), name):
+            for field in fields(part):  # type: ignore[arg-type]
+                if key_of(field).unit != "Hz":
+                    continue
+                fastest = 0.5 / period / getattr(part, f"{field.name}_spread", 1.0)
+                if (value := getattr(part, field.name)) >= fastest:
+                    half = f"below {fastest:.4g} Hz, half the rate of control with its tick of {period:g} s"
+                    raise invalid(join(key, field.name), value, half)
+
+
         fast = field.name in ("integral_gain", "observer_bandwidth") and key_of(field).unit in ("1/s", "rad/s")
         if fast and (value := getattr(law, field.name)) * period >= 2:
             allowed = f"below {2 / period:g} {key_of(field).unit}, two over the control tick of {period:g} s"

@@ -123,6 +123,7 @@ REFUSED = [
     ("controller: {lower_limit: -1000}", "controller.lower_limit = -1000.0: must be from -10 to -0.000001"),
     ("controller: {upper_limit: -0.1}", "controller.upper_limit = -0.1: must be from 0.000001 to 10"),
     ("controller: {lower_limit: -1e-9}", "controller.lower_limit = -1e-09: must be from -10 to -0.000001"),
+    ("reference: !Sine {frequency: 1000}", "build", "below 250 Hz, half the rate of control with its tick of 0.002 s"),
     ("controller: {upper_limit: 1e-9}", "controller.upper_limit = 1e-09: must be from 0.000001 to 10"),
     ("reference: !Ramp {rate: 1e-9}", "reference.rate = 1e-09: must be at least 0.001"),
     ("reference: !Sine {frequency: 1e-9}", "reference.frequency = 1e-09: must be at least 0.0001"),

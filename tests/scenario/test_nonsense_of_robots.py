@@ -56,6 +56,13 @@ REFUSED = [
     ),
     ("fig_3_4", "station.posture_deg=[500, 0, 0, 0, 0, 0]", "station.posture_deg.0 = 500.0: must be from -170 to 170"),
     ("fig_2_7", MOVES, "controller.postures.1.start = 1.0: must be at least 6 s, after the move before"),
+    # faster than half the rate of control
+    (
+        "fig_2_7",
+        "controller=!JointMoves {dither: {amplitude_deg: 0.1, frequency: 400}}",
+        "controller.dither.frequency = 400.0: must be below 250 Hz, half the rate of control with its tick of 0.002 s",
+    ),
+    ("fig_5_2", "controller.frequency=70", "controller.frequency = 70.0: must be below 69.44 Hz, half the rate of"),
 ]  # fmt: skip
 
 
