@@ -114,6 +114,12 @@ def _check_forces(scenario: Scenario, period: float) -> None:
     if stated is not None and stated < largest:
         raise invalid("findings.largest_force", stated, f"at least the largest desired force, {largest:g} N")
 
+    for name in ("threshold", "minimum_force"):
+        least = getattr(scenario.controller, name, 0.0)
+        if maximum is not None and least >= maximum:
+            raise invalid(
+                f"controller.{name}", least, f"below guard.maximum_force = {maximum:g} N: no force gets there"
+            )
 
 def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
     """A controller, and the law behind a guarded move, by dotted key."""

@@ -105,6 +105,17 @@ REFUSED = [
     ("reference: {force: -1}", "reference.force = -1.0: must be not negative"),
     ("reference: {force: .nan}", "reference.force = nan: must be a finite number"),
     ("reference: !Sine {force: 5, amplitude: 6}", "reference.amplitude = 6.0: must be at most force = 5"),
+    # what is never reached
+    (
+        "guard: {maximum_force: 16}\ncontroller: !Approach {threshold: 20}",
+        "build",
+        "controller.threshold = 20.0: must be below guard.maximum_force = 16 N: no force gets there",
+    ),
+    (
+        "guard: {maximum_force: 16}\ncontroller: !AdaptiveIntegral {minimum_force: 17}",
+        "build",
+        "controller.minimum_force = 17.0: must be below guard.maximum_force = 16 N: no force gets there",
+    ),
     # directions
     ("station: {environment: {surface: {direction: [0, 0, 1]}}}", "environment.surface.direction = [0.0, 0.0, 1.0]"),
     ("station: {normal: [1, 0, 0], environment: {surface: {slope: 0.1}}}", "surface.direction = [1.0, 0.0, 0.0]: must"),
