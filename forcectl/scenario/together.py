@@ -10,8 +10,9 @@ import numpy as np
 
 from forcectl.analysis.slot import check_needs
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
-from forcectl.framework.fields import Config, key_of
+from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
+from forcectl.motion.references import RampConfig, StepConfig
 from forcectl.scenario.catalog import tags_of
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
         if first >= scenario.duration:
             text = f" begins at {first:g} s: must begin before duration = {scenario.duration:g} s"
             raise BadInputError(text, key="reference.path")
+    _check_effects(scenario)
     _check_directions(scenario)
     _check_expectations(scenario)
 
@@ -90,6 +92,8 @@ def _check_forces(scenario: Scenario, period: float) -> None:
     first = getattr(scenario.reference, "initial_force", 0.0)
     if first > limit:
         raise invalid("reference.initial_force", first, f"at most the sensor's range, {limit:g} N")
+    if first > 0 and isinstance(scenario.reference, StepConfig) and scenario.reference.start_time == 0:
+        raise invalid("reference.initial_force", first, "left out, or go with a start_time above zero")
     learns = getattr(scenario.controller, "minimum_force", 0.0)
     if learns >= limit:
         raise invalid("controller.minimum_force", learns, f"below the sensor's range, {limit:g} N")
@@ -110,27 +114,17 @@ def _check_forces(scenario: Scenario, period: float) -> None:
     if maximum is not None and not largest < maximum <= limit:
         allowed = f"above the largest desired force, {largest:g} N, and at most the sensor's range, {limit:g} N"
         raise invalid("guard.maximum_force", maximum, allowed)
-    stated = scenario.findings.largest_force
-    if stated is not None and stated < largest:
-        raise invalid("findings.largest_force", stated, f"at least the largest desired force, {largest:g} N")
-
     for name in ("threshold", "minimum_force"):
         least = getattr(scenario.controller, name, 0.0)
         if maximum is not None and least >= maximum:
             raise invalid(
                 f"controller.{name}", least, f"below guard.maximum_force = {maximum:g} N: no force gets there"
             )
-
-def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
-    """A controller, and the law behind a guarded move, by dotted key."""
-    yield "controller", controller
-    if hasattr(controller, "touch_speed"):
-        yield "controller.law", controller.law
+    stated = scenario.findings.largest_force
+    if stated is not None and stated < largest:
+        raise invalid("findings.largest_force", stated, f"at least the largest desired force, {largest:g} N")
 
 
-def _check_rate(key: str, law: Any, period: float) -> None:
-    """In a tick a law goes less than twice as far as it is away: its loop would not settle."""
-    for field in fields(law) if isinstance(law, Config) else ():  # type: ignore[arg-type]
 def _check_frequencies(scenario: Scenario, period: float) -> None:
     """What is sampled once in a control tick [s] has less than half its frequency."""
     for name in ("reference", "motion", "controller"):
@@ -144,6 +138,16 @@ def _check_frequencies(scenario: Scenario, period: float) -> None:
                     raise invalid(join(key, field.name), value, half)
 
 
+def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
+    """A controller, and the law behind a guarded move, by dotted key."""
+    yield "controller", controller
+    if hasattr(controller, "touch_speed"):
+        yield "controller.law", controller.law
+
+
+def _check_rate(key: str, law: Any, period: float) -> None:
+    """In a tick a law goes less than twice as far as it is away: its loop would not settle."""
+    for field in fields(law) if isinstance(law, Config) else ():  # type: ignore[arg-type]
         fast = field.name in ("integral_gain", "observer_bandwidth") and key_of(field).unit in ("1/s", "rad/s")
         if fast and (value := getattr(law, field.name)) * period >= 2:
             allowed = f"below {2 / period:g} {key_of(field).unit}, two over the control tick of {period:g} s"
@@ -165,6 +169,28 @@ def _check_reach(scenario: Scenario) -> None:
     for field in fields(controller) if isinstance(controller, Config) else ():  # type: ignore[arg-type]
         if field.name == "lower_limit" and key_of(field).unit == "m" and -controller.lower_limit <= gap:
             raise invalid("controller.lower_limit", controller.lower_limit, f"below -{gap:g} m, where the surface is")
+
+
+def _check_effects(scenario: Scenario) -> None:
+    """What a file says has an effect in this scenario."""
+    reference, station = scenario.reference, scenario.station
+    if (
+        isinstance(reference, RampConfig | StepConfig)
+        and reference.force == reference.initial_force
+        and (reference.start_time > 0 or isinstance(reference, RampConfig))
+    ):
+        constant = f"!Step {{force: {reference.force:g}}} is a constant force"
+        raise invalid("reference.initial_force", reference.initial_force, f"another one than force: {constant}")
+    if not station.elastic_joints:
+        for name, none in (("stiffness_set", ""), ("stiffness_scale", 1.0)):
+            if (value := getattr(station, name)) != none:
+                raise invalid(f"station.{name}", value, "left out with elastic_joints = false: rigid joints have none")
+    servo = getattr(station.drive, "servo", None)
+    for field in fields(servo) if getattr(servo, "ideal", False) else ():
+        value, none = getattr(servo, field.name), (default_of(field), 0.0)[: 2 if "friction" in field.name else 1]
+        if field.name != "ideal" and value not in none:
+            key = f"station.drive.servo.{field.name}"
+            raise invalid(key, value, "left out with ideal = true: an ideal servo has no loops and no friction")
 
 
 def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:

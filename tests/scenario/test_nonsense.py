@@ -123,6 +123,7 @@ REFUSED = [
     ("station: {normal: [0, 0, 0]}", "station.normal = [0.0, 0.0, 0.0]: must be not all zero"),
     ("station: {normal: [0, 1]}", "station.normal = [0.0, 1.0]: must be three numbers"),
     # magnitudes
+    ("reference: !Sine {frequency: 1000}", "build", "below 250 Hz, half the rate of control with its tick of 0.002 s"),
     ("station: {environment: {stiffness: 1e-9}}", "environment.stiffness = 1e-09: must be positive, from 1 to 1"),
     ("station: {environment: {stiffness: 1e10}}", "environment.stiffness = 10000000000.0: must be positive, from 1 to"),
     ("station: {stiffness_scale: 1e-6}", "station.stiffness_scale = 1e-06: must be from 0.001 to 1000"),
@@ -134,7 +135,6 @@ REFUSED = [
     ("controller: {lower_limit: -1000}", "controller.lower_limit = -1000.0: must be from -10 to -0.000001"),
     ("controller: {upper_limit: -0.1}", "controller.upper_limit = -0.1: must be from 0.000001 to 10"),
     ("controller: {lower_limit: -1e-9}", "controller.lower_limit = -1e-09: must be from -10 to -0.000001"),
-    ("reference: !Sine {frequency: 1000}", "build", "below 250 Hz, half the rate of control with its tick of 0.002 s"),
     ("controller: {upper_limit: 1e-9}", "controller.upper_limit = 1e-09: must be from 0.000001 to 10"),
     ("reference: !Ramp {rate: 1e-9}", "reference.rate = 1e-09: must be at least 0.001"),
     ("reference: !Sine {frequency: 1e-9}", "reference.frequency = 1e-09: must be at least 0.0001"),
@@ -145,6 +145,15 @@ REFUSED = [
     ("controller: {integral_gain: 1e6}", "controller.integral_gain = 1000000.0: must be from 0.000001 to 10000"),
     ("motion: {speed: 1000}", "motion.speed = 1000.0: must be above 0 and at most 10"),
     ("motion: {distance: 500}", "motion.distance = 500.0: must be not negative, at most 100 m"),
+    # what has no effect
+    ("reference: !Ramp {force: 4, initial_force: 4}", "reference.initial_force = 4.0: must be another one than force"),
+    ("reference: !Step {force: 4, initial_force: 4, start_time: 1}", "another one than force: !Step {force: 4} is a c"),
+    ("reference: !Ramp {force: 0}", "reference.initial_force = 0.0: must be another one than force: !Step {force: 0}"),
+    ("reference: {initial_force: 4}", "build", "reference.initial_force = 4.0: must be left out, or go with a start_t"),
+    ("station: {elastic_joints: false, stiffness_scale: 2}", "stiffness_scale = 2.0: must be left out with elastic_jo"),
+    ("station: {elastic_joints: false, stiffness_set: bending}", "stiffness_set = 'bending': must be left out with"),
+    ("station: {drive: {servo: {ideal: true, coulomb_friction: 3}}}", "coulomb_friction = 3.0: must be left out with"),
+    ("station: {drive: {servo: {ideal: true, position_gain: 3}}}", "servo.position_gain = 3.0: must be left out"),
     # expectations
     (f"expect: [{LINE}target: x}}]", "not valid YAML: key 'target' is written twice"),
     ("expect: [{target: '', metric: peak_force_N, maximum: 20}]", "expect.0.target = '': must be printable characters"),
