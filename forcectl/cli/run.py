@@ -26,6 +26,7 @@ from forcectl.cli.options import (
 )
 from forcectl.interrupts import say_when_interrupted
 from forcectl.runs.robots.command import say_assumed
+from forcectl.runs.terminal.realtime import check_realtime_rate
 
 if TYPE_CHECKING:
     from forcectl.runs.terminal.tables import Metrics
@@ -34,6 +35,10 @@ if TYPE_CHECKING:
 
 def _checked(severity: str | None) -> str | None:
     return None if severity is None else parse_severity(severity, "--strict").word
+
+
+def _rate(rate: float) -> float:
+    return check_realtime_rate(rate, "--realtime-rate")
 
 
 Strict = Annotated[
@@ -74,7 +79,10 @@ def run(
         bool, typer.Option("--replay", help="Also write a 3-D replay, one HTML page per variant.")
     ] = False,
     realtime_rate: Annotated[
-        float, typer.Option(metavar="R", min=0.0, help="At most R simulated seconds per second; 0: full speed.")
+        float,
+        typer.Option(
+            metavar="R", callback=_rate, help="At most R simulated seconds per second, 0.001 to 1000; 0: full speed."
+        ),
     ] = 0.0,
     strict: Strict = None,
     all_: All = False,

@@ -25,6 +25,7 @@ from forcectl.runs.directory import DATA, FAILED, INTERRUPTED, keep_only, made_o
 from forcectl.runs.logs import described, prepare_to_write, stack, write_netcdf
 from forcectl.runs.result import InterruptedRunError, RunResult, StoppedRunError
 from forcectl.runs.simulate import VariantOutcome, simulate
+from forcectl.runs.terminal.realtime import check_realtime_rate
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict, judge
 from forcectl.scenario.layers import select_variants
@@ -72,7 +73,7 @@ def run(
         force: replace an earlier run in `out`.
         allow_imports: names of modules that it may name, see `load_scenario`.
         replay: also write each variant as an animation in three dimensions, one HTML page each.
-        realtime_rate: at most this many simulated seconds per second; 0: as fast as possible.
+        realtime_rate: at most this many simulated seconds per second, 0.001 to 1000; 0: as fast as possible.
         progress: called with the variant and the share of it that is done.
         stage: called with what goes on: building, simulating, drawing.
 
@@ -82,6 +83,7 @@ def run(
         StoppedRunError: a signal became NaN or diverged, or a solver gave up.
         InterruptedRunError: Ctrl-C; the log up to there is kept as `<out>.interrupted`.
     """
+    check_realtime_rate(realtime_rate, "realtime_rate")
     file = as_file(scenario, allow_imports)
     changes = with_shortcuts(overrides, seed, fidelity)
     # Everything is checked before anything is simulated.

@@ -55,6 +55,13 @@ CASES = [
     (["run", "fig_2_7", "--set", "duration=1e9"], ["duration = 1000000000", "at most 86400"]),
     (["run", "fig_2_7", "--set", "seed=-1"], ["seed = -1", "from 0"]),
     (["run", "fig_2_7", "--set", "preset=frictoin"], ["'frictoin'", "did you mean 'friction'"]),
+    *(
+        (
+            ["run", "fig_2_7", "--realtime-rate", rate],
+            ["--realtime-rate = ", "must be 0 for full speed, or from 0.001"],
+        )
+        for rate in ("1e-300", "1e300", "nan", "inf", "-1")
+    ),
     (["run", "no/such/file.yaml"], ["'no/such/file.yaml'", "does not exist"]),
     (["run", "fig_27"], ["unknown scenario 'fig_27'", "did you mean 'fig_2_7'"]),
     (["run", "fig_2_7", "--set", "station.robot=comau"], ["station.robot", "'comau'", "comau_smart_six"]),
