@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, invalidate_caches
 from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,26 @@ class Imports:
                 raise BadInputError(f" = {show(path)}: must be importable, but: No module named {top!r}", key=key)
             raise invalid(key, path, self._allowed_words(module))
         return str(module)
+
+    def check_found(self, names: Iterable[str], key: str) -> None:
+        """Refuse names of modules that no import from here could find. Only the first part of each is looked for.
+
+        Nothing is imported, and nothing said of what is within a package.
+
+        Args:
+            names: that a user allows.
+            key: that they stand at, for the message.
+
+        Raises:
+            BadInputError: there is no such module.
+        """
+        invalidate_caches()  # a module that was written this moment
+        for name in names:
+            top = name.partition(".")[0]
+            found = top in sys.modules or PathFinder.find_spec(top, self._path()) or find_spec(top)
+            if not found:
+                where = "installed, beside the file that is run or in the working directory"
+                raise BadInputError(f" = {show(name)}: must be {where}, but: No module named {top!r}", key=key)
 
     def load(self, path: Any, key: str) -> Any:
         """The object behind an import path; nothing is called.

@@ -234,15 +234,23 @@ def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fideli
     return dict(overrides or {}) | {key: value for key, value in shortcuts.items() if value is not None}
 
 
-def as_file(scenario: Named, allow_imports: Sequence[str] = ()) -> ScenarioFile:
+def as_file(scenario: Named, allow_imports: Sequence[str] = (), modules: Path | None = None) -> ScenarioFile:
     """Whatever names or holds a scenario, as the file it would be; what has no folder is in the working directory.
 
     Args:
         scenario: see `load_scenario`.
         allow_imports: names of modules that it may name, beside those that the user's settings allow.
+        modules: folder whose modules it may name; None, and of a shipped one: as without.
+
+    Raises:
+        BadInputError: there is no such scenario, or no such module.
     """
     file = _file(scenario)
-    names = (*allowed_names(allow_imports, "allow_imports"), *user_settings().allow_imports)
+    if modules is not None and file.folder != catalog.experiments_folder():
+        file = replace(file, modules=modules)
+    allowed = allowed_names(allow_imports, "allow_imports")
+    file.allowed.check_found(allowed, "allow_imports")
+    names = (*allowed, *user_settings().allow_imports)
     return replace(file, imports=tuple(dict.fromkeys((*file.imports, *names))))
 
 

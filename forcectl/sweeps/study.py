@@ -11,7 +11,7 @@ import itertools
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import dump
 from forcectl.runs.run import overlap
-from forcectl.scenario.catalog import ScenarioFile, experiments_folder
+from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve
 from forcectl.scenario.trees import part_tree
@@ -172,9 +172,9 @@ def study_of(sweep: SweepFile, allow_imports: Sequence[str] = ()) -> Study:
 
 def _study_of(sweep: SweepFile, allow_imports: Sequence[str]) -> Study:
     config = sweep.config
-    file = as_file(config.scenario, allow_imports)
-    if isinstance(config.scenario, str | Path) and file.folder != experiments_folder():
-        file = replace(file, modules=sweep.modules)  # not those that lie beside whatever it names
+    # Modules beside the sweep, not those that lie beside whatever scenario it names.
+    modules = sweep.modules if isinstance(config.scenario, str | Path) else None
+    file = as_file(config.scenario, allow_imports, modules)
     names = select_variants(file, config.variant)
     if len(names) > 1:
         raise BadInputError(f" is missing: must be one of {', '.join(names)}", key="variant")

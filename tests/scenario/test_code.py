@@ -189,3 +189,17 @@ def test_a_class_for_a_slot_without_methods_has_fields_or_add_to(folder):
     with pytest.raises(BadInputError, match="must be a class that fills the slot environment, with fields or add_to"):
         load_scenario(file)
     assert not (folder / "ran").exists()
+
+
+def test_a_module_that_is_allowed_must_be_there_and_is_not_imported_to_see_that(folder, forcectl):
+    file = folder / "mine" / "own.yaml"
+    file.write_text("duration: 0.01\n")
+    code, out, said = forcectl("check", file, "--allow-imports", "no_such_lab")
+    assert (code, out, said.count("\n")) == (2, "", 1)
+    assert said.startswith("error: allow_imports = 'no_such_lab': must be installed, beside the file that is run or in")
+    assert forcectl("check", file, "--allow-imports", "no_such_lab.laws")[0] == 2
+    (folder / "mine" / "loud_lab").mkdir()
+    (folder / "mine" / "loud_lab" / "__init__.py").write_text("raise SystemExit('imported')\n")
+    for name in ("loud_lab", "loud_lab.laws", "numpy"):
+        load_scenario(file, allow_imports=[name])
+    assert "loud_lab" not in sys.modules
