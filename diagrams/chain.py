@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.signal import StateSpace
 
 from forcectl.diagrams.model import Setting
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, about
 from forcectl.force.chain import ForceChain
 from forcectl.force.sensor_lag import sensor_model
+from forcectl.framework.linear_batch import state_space
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 
 def force_chain(law: Any, parts: Any, setting: Setting, index: int) -> ForceChain:
@@ -70,7 +73,7 @@ def _measuring(parts: Any, setting: Setting) -> StateSpace:
         response = source.force_response(setting.truth)
     else:
         lag = sensor_model(setting.truth, 1)
-        response = StateSpace(lag.A(), lag.B(), lag.C(), lag.D(), dt=period)
+        response = state_space(lag.A(), lag.B(), lag.C(), lag.D(), period)
     return response * getattr(chosen, "factor", 1.0)
 
 
@@ -98,4 +101,4 @@ def _pressing(workcell: Workcell, contact: Contact, stiffness: float) -> StateSp
             pressing: StateSpace = drive.pressing(workcell, contact, stiffness)
             return pressing
     none, eye = np.zeros((2, 2)), np.eye(2)
-    return contact.sampled_response(stiffness, workcell.period) * StateSpace(none, eye, eye, none, dt=workcell.period)
+    return contact.sampled_response(stiffness, workcell.period) * state_space(none, eye, eye, none, workcell.period)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, System
-from scipy.signal import StateSpace
 
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.force.kinematic_inversion import check_start_posture
@@ -23,6 +22,8 @@ from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import RobotModel, unit_normal
 
 if TYPE_CHECKING:
+    from scipy.signal import StateSpace
+
     from forcectl.diagrams.station import StationConfig
 
 Vector = NDArray[np.float64]

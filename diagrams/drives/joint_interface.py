@@ -16,18 +16,18 @@ different joints are left out; friction does not depend on load or temperature.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
-from scipy.signal import StateSpace
 
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
+from forcectl.framework.linear_batch import state_space
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.drives.joint_servo import JointServo
@@ -36,6 +36,9 @@ from forcectl.plant.drives.motors import MOTOR_PORTS
 from forcectl.plant.drives.position_loop import zero_order_hold
 from forcectl.plant.drives.servo import servo_gains
 from forcectl.robot.model import RobotModel
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 Array = NDArray[np.float64]
 LARGEST_STEP = 0.002  # [s] of the plant, for the servo loops
@@ -120,7 +123,7 @@ class JointInterfaceConfig(Config):
         state = np.block([[whole, later @ old], [np.zeros((1, 3 * n + 1))]])
         command = np.hstack([np.vstack([new, [[1.0]]]), np.zeros((3 * n + 1, 1))])
         shown = np.append(force, 0.0).reshape(1, -1)
-        return StateSpace(state, command, shown, np.zeros((1, 2)), dt=workcell.period)
+        return state_space(state, command, shown, np.zeros((1, 2)), workcell.period)
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> JointInterface:
         """Add the block `drive`.

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import LinearSystem
-from scipy.signal import StateSpace
 
 from forcectl.diagrams.drives.motor_side import MotorSide
 from forcectl.diagrams.drives.torque_interface import TorqueInterface
@@ -34,6 +34,9 @@ from forcectl.plant.drives.motors import MOTOR_PORTS, export_motion, joint_to_mo
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.robot.model import RobotModel
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 Vector = NDArray[np.float64]
 _LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its own

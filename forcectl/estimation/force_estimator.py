@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
-from scipy.signal import StateSpace
 
 from forcectl.errors import unknown
 from forcectl.estimation.momentum_observer import MomentumObserver
@@ -20,11 +19,15 @@ from forcectl.estimation.wrench import WrenchEstimator
 from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
+from forcectl.framework.linear_batch import state_space
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import RobotModel
 from forcectl.robot.momentum_model import MomentumModel
 from forcectl.robot.parts import ArmParts
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 READINGS = ("joint_position", "joint_velocity", "motor_torque")
 _JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
@@ -153,9 +156,9 @@ class ForceEstimatorConfig(Config):
         kept, decay = math.exp(-model.velocity_bandwidth * period), math.exp(-self.gain * period)
         # y = kept y_last + (1 - kept)/2 (u + u_last), and r = decay r_last + (1 - decay) y
         half, gain = 0.5 * (1 - kept), 1 - decay
-        late = StateSpace([[kept]], [[1.0]], [[half * (1 + kept)]], [[half]], dt=period)
-        observed = StateSpace([[decay]], [[1.0]], [[gain * decay]], [[gain]], dt=period)
-        mean = StateSpace([[0.0]], [[1.0]], [[0.5]], [[0.5]], dt=period)
+        late = state_space([[kept]], [[1.0]], [[half * (1 + kept)]], [[half]], period)
+        observed = state_space([[decay]], [[1.0]], [[gain * decay]], [[gain]], period)
+        mean = state_space([[0.0]], [[1.0]], [[0.5]], [[0.5]], period)
         return observed * late * mean
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ForceEstimator:

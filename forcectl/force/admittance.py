@@ -23,22 +23,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer
-from scipy.signal import StateSpace
 
 from forcectl.errors import invalid, unknown
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
+from forcectl.framework.linear_batch import state_space
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.motion.velocity_generator import VelocityGenerator
 from forcectl.plant.plant_model import PlantModel
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 ARRANGEMENTS = ("consistent", "increment")
 GENERATORS = ("velocity", "position")
@@ -84,7 +87,7 @@ def admittance_response(inertia: float, damping: float, period: float, arrangeme
     a: NDArray[np.float64] = np.transpose(columns)
     a[0, 1] += stopping
     b = np.reshape(admittance_step(0.0, 0.0, 1.0, inertia, damping, period), (2, 1))
-    return StateSpace(a, b, a, b, dt=period)
+    return state_space(a, b, a, b, period)
 
 
 class AdmittanceFilter(SampledBatch):

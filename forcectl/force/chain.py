@@ -13,10 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import StateSpace
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 # A pole nearer to the unit circle than that is not called stable: it would decay over a billion ticks.
 _MARGIN = 1e-9

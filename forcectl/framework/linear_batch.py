@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +13,21 @@ from scipy.linalg import block_diag
 
 from forcectl.framework.block import PythonBlock
 
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
+
 Matrix = NDArray[np.float64]
 WIDE = 32  # batch elements from which on a matrix for each is as fast as one for all; measured
+
+
+def state_space(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike, period: float) -> StateSpace:
+    """x[k+1] = a x[k] + b u[k], y[k] = c x[k] + d u[k], sampled every `period` [s].
+
+    `scipy.signal` takes most of a second to load, and few loops need it: so it is loaded here.
+    """
+    from scipy.signal import StateSpace
+
+    return StateSpace(a, b, c, d, dt=period)
 
 
 class LinearBatch(PythonBlock):

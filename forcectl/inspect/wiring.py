@@ -195,6 +195,10 @@ class Wiring:
         for reader in self._fed.get(output, ()):
             yield from self.fed_inputs(reader) if reader.side == "output" else self.inner_inputs(reader)
 
+    def is_read(self, output: PortAddress) -> bool:
+        """Whether an output of a block is read by another one, or leaves the diagram around it."""
+        return bool(self._fed.get(output))
+
     def leaf_inputs(self) -> Iterator[PortAddress]:
         """Every input port of every leaf block."""
         for path, _ in self.leaves():

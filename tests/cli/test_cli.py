@@ -24,6 +24,13 @@ def installed() -> dict[str, str]:
     return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), root]))}
 
 
+@pytest.mark.slow
+def test_commands_do_not_load_what_few_scenarios_need():
+    asked = "import sys, forcectl.cli.target, forcectl.doctor; print([n for n in sys.modules if n == 'scipy.signal'])"
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True, env=installed())
+    assert done.stdout.strip() == "[]"
+
+
 def test_help_names_every_command():
     done = subprocess.run([sys.executable, "-m", "forcectl.cli", "--help"], capture_output=True, text=True, check=True)
     for command in COMMANDS:

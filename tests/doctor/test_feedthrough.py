@@ -1,4 +1,6 @@
 import pytest
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer, FirstOrderLowPassFilter, Gain, LinearSystem
 
@@ -88,3 +90,13 @@ def test_blocks_of_drake_and_nested_diagrams():
         ("lag", "y0"): (),
         ("lead", "y0"): ("u0",),
     }
+
+
+def test_of_a_plant_only_the_outputs_that_are_read_are_in_the_table():
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.0))
+    plant.AddRigidBody("body", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
+    plant.Finalize()
+    for port in (plant.get_body_spatial_accelerations_output_port(), plant.get_state_output_port()):
+        builder.ExportOutput(port, port.get_name())
+    assert [output for block, output in table(builder.Build())] == ["body_spatial_accelerations"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from forcectl.force.guard.kernel import FELT, STIFFER, TOGETHER, GuardLimits
 
@@ -43,6 +42,8 @@ def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: A
 
 def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
     """Whether the estimated true forces are plausible and, looked at ahead, small enough."""
+    from scipy.signal import lfilter  # loads for most of a second; only batches need it
+
     share, first = limits.share, measured[0]
     measured, known = _between_new(measured)
     if share < 1.0:
@@ -113,6 +114,8 @@ def _lost(limits: GuardLimits, desired: Array, measured: Array, command: Array) 
 
 def _answers(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:
     """Whether readings answer to the way into the surface, also after they have done so, and little energy goes in."""
+    from scipy.signal import lfilter
+
     before = _before(command)
     slow, _ = lfilter([limits.settle], [1.0, limits.settle - 1.0], before, zi=[(1.0 - limits.settle) * before[0]])
     worth = (-limits.gap - slow) / limits.compliance

@@ -21,19 +21,22 @@ Its force neither jumps at the first touch nor pulls when the contact ends. The 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Adder, Gain
-from scipy.signal import StateSpace
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
+from forcectl.framework.linear_batch import state_space
 from forcectl.plant.contact.surface import SurfaceConfig
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 _TINY = 1e-300  # in place of a zero below a fraction that is not used
 
@@ -116,7 +119,7 @@ def contact_response(stiffness: float, damping: float, robot_compliance: float, 
     # z+ = kept z + pressed dx, see `damped_contact`
     kept, pressed = robot_compliance * rate / both, -1 / both
     a, b = np.array([[kept]]), np.array([[pressed, 0.0]])
-    return StateSpace(a, b, (stiffness + rate) * a - rate, (stiffness + rate) * b, dt=period)
+    return state_space(a, b, (stiffness + rate) * a - rate, (stiffness + rate) * b, period)
 
 
 class CompliantContact(BatchBlock):
@@ -332,7 +335,7 @@ class EnvironmentConfig(Config, in_batches=True):
         if self.one_sided:
             return contact_response(stiffness, self.least_damping, robot_compliance, period)
         gain = [[-stiffness / (1 + robot_compliance * stiffness), -self.damping]]
-        return StateSpace(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), gain, dt=period)
+        return state_space(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), gain, period)
 
     def add_to(
         self,

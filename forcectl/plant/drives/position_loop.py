@@ -10,19 +10,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import LinearSystem
 from scipy.linalg import expm
-from scipy.signal import StateSpace
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values, check, whole_multiple
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
-from forcectl.framework.linear_batch import interleave, sampled_system
+from forcectl.framework.linear_batch import interleave, sampled_system, state_space
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 Matrix = NDArray[np.float64]
 LONGEST_DELAY = 1.0  # [s] a delay line keeps every sample
@@ -139,7 +142,7 @@ class PositionLoopConfig(Config, in_batches=True):
         a, b = _held(self.bandwidth, self.damping_ratio, period)
         ticks = whole_multiple("delay", self.delay, period, "period")
         one = sampled_system(a[None], b[None], None, None, period, ticks)
-        return StateSpace(one.A(), one.B() @ [[1.0, 0.0]], one.C(), np.zeros((2, 2)), dt=period)
+        return state_space(one.A(), one.B() @ [[1.0, 0.0]], one.C(), np.zeros((2, 2)), period)
 
     def add_to(
         self, builder: DiagramBuilder, size: int, period: float, initial_command: ArrayLike = 0.0, unit: str = "rad"

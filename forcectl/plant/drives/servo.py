@@ -22,13 +22,12 @@ friction.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Demultiplexer
-from scipy.signal import StateSpace
 
 from forcectl.framework.batch import (
     BatchBlock,
@@ -40,6 +39,10 @@ from forcectl.framework.batch import (
 )
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
+from forcectl.framework.linear_batch import state_space
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 Vector = NDArray[np.float64]
 
@@ -255,13 +258,13 @@ class ServoConfig(Config, in_batches=True):
     def sampled_response(self, period: float) -> StateSpace:
         """From [reference, its rate] to [position, velocity] of one axis without friction; an ideal servo is direct."""
         if self.ideal:
-            return StateSpace(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((2, 0)), np.eye(2), dt=period)
+            return state_space(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((2, 0)), np.eye(2), period)
         gains = ServoGains(self.position_gain, self.velocity_gain, self.integral_gain)
         inner = step_coefficients(gains, 0.0, 0.0, period / self.substeps)
         # Without friction a tick is linear: the columns are what a unit of each state and input makes of it.
         x, v, i, r, rate = np.eye(5)
         moved = np.array(servo_steps(x, v, i, r, rate, 0.0, inner, self.substeps))
-        return StateSpace(moved[:, :3], moved[:, 3:], np.eye(2, 3), np.zeros((2, 2)), dt=period)
+        return state_space(moved[:, :3], moved[:, 3:], np.eye(2, 3), np.zeros((2, 2)), period)
 
     def add_to(self, builder: DiagramBuilder, size: int, period: float) -> Servo:
         """Add the block for a batch of n axes along the pressed direction [m]."""
