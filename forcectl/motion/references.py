@@ -98,6 +98,12 @@ class _ForceReference:
         return builder.AddNamedSystem("reference", Reference("desired_force", trajectory))
 
 
+def _check_changes(initial_force: float, force: float) -> None:
+    if initial_force == force:
+        constant = f"!Step {{force: {force:g}}} is a constant force"
+        raise invalid("initial_force", initial_force, f"another one than force: {constant}")
+
+
 def _check_times(name: str, times: list[float]) -> None:
     if not times:
         raise invalid(name, times, "a list with at least one time")
@@ -143,6 +149,17 @@ class StepConfig(_ForceReference, Config, in_batches=True):
         both = np.broadcast_arrays(self.initial_force, self.force)
         return held_trajectory([0.0, self.start_time], np.stack(both, axis=-1))
 
+    def check_effect(self) -> None:
+        """Refuse a step that changes nothing, and an initial force that never is.
+
+        Raises:
+            BadInputError: about `initial_force`.
+        """
+        if self.start_time > 0:
+            _check_changes(self.initial_force, self.force)
+        elif self.initial_force != 0:
+            raise invalid("initial_force", self.initial_force, "left out, or go with a start_time above zero")
+
 
 @dataclass(kw_only=True)
 class RampConfig(_ForceReference, Config, in_batches=True):
@@ -160,6 +177,14 @@ class RampConfig(_ForceReference, Config, in_batches=True):
             step = StepConfig(force=self.force, start_time=self.start_time, initial_force=self.initial_force)
             return step.trajectory()
         return linear_trajectory([self.start_time, end], [self.initial_force, self.force])
+
+    def check_effect(self) -> None:
+        """Refuse a ramp that changes nothing.
+
+        Raises:
+            BadInputError: about `initial_force`.
+        """
+        _check_changes(self.initial_force, self.force)
 
 
 @dataclass(kw_only=True)

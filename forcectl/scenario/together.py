@@ -12,7 +12,6 @@ from forcectl.analysis.slot import check_needs
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
-from forcectl.motion.references import RampConfig, StepConfig
 from forcectl.scenario.catalog import tags_of
 
 if TYPE_CHECKING:
@@ -92,8 +91,11 @@ def _check_forces(scenario: Scenario, period: float) -> None:
     first = getattr(scenario.reference, "initial_force", 0.0)
     if first > limit:
         raise invalid("reference.initial_force", first, f"at most the sensor's range, {limit:g} N")
-    if first > 0 and isinstance(scenario.reference, StepConfig) and scenario.reference.start_time == 0:
-        raise invalid("reference.initial_force", first, "left out, or go with a start_time above zero")
+    if hasattr(scenario.reference, "check_effect"):
+        try:
+            scenario.reference.check_effect()
+        except BadInputError as error:
+            raise error.at(join("reference", error.key)) from None
     learns = getattr(scenario.controller, "minimum_force", 0.0)
     if learns >= limit:
         raise invalid("controller.minimum_force", learns, f"below the sensor's range, {limit:g} N")
@@ -173,24 +175,18 @@ def _check_reach(scenario: Scenario) -> None:
 
 def _check_effects(scenario: Scenario) -> None:
     """What a file says has an effect in this scenario."""
-    reference, station = scenario.reference, scenario.station
-    if (
-        isinstance(reference, RampConfig | StepConfig)
-        and reference.force == reference.initial_force
-        and (reference.start_time > 0 or isinstance(reference, RampConfig))
-    ):
-        constant = f"!Step {{force: {reference.force:g}}} is a constant force"
-        raise invalid("reference.initial_force", reference.initial_force, f"another one than force: {constant}")
+    station = scenario.station
     if not station.elastic_joints:
         for name, none in (("stiffness_set", ""), ("stiffness_scale", 1.0)):
             if (value := getattr(station, name)) != none:
                 raise invalid(f"station.{name}", value, "left out with elastic_joints = false: rigid joints have none")
-    servo = getattr(station.drive, "servo", None)
+    servo: Any = getattr(station.drive, "servo", None)
     for field in fields(servo) if getattr(servo, "ideal", False) else ():
-        value, none = getattr(servo, field.name), (default_of(field), 0.0)[: 2 if "friction" in field.name else 1]
-        if field.name != "ideal" and value not in none:
+        given = getattr(servo, field.name)
+        none = given == 0.0 and "friction" in field.name
+        if not none and field.name != "ideal" and given != default_of(field):
             key = f"station.drive.servo.{field.name}"
-            raise invalid(key, value, "left out with ideal = true: an ideal servo has no loops and no friction")
+            raise invalid(key, given, "left out with ideal = true: an ideal servo has no loops and no friction")
 
 
 def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
