@@ -53,6 +53,8 @@ class ModelConfig(Config, in_batches=True):
         robot = model.robot
         if robot is not None and (self.inertia_scale != 1.0 or self.payload > 0):
             robot = robot.with_inertia_error(self.inertia_scale, self.payload)
+        if robot is not None and self.payload > 0:
+            robot.check_torque("payload", self.payload, robot.gravity_torque(robot.context_at(model.start)))
         return replace(
             model,
             robot_compliance=self.robot_compliance * model.robot_compliance,

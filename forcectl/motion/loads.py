@@ -34,7 +34,9 @@ class LoadConfig(Config):
     hold: float = key(1.0, "time of each wrench, ramps included", unit="s", bounds="positive")
     pause: float = key(0.0, "time after each wrench", unit="s", bounds="not negative")
     ramp: float = key(0.0, "time of each ramp, at most half of `hold`", unit="s", bounds="not negative")
-    wrenches: list[list[float]] = key([], "each [torque; force] in the world", unit="Nm, N", size=6)
+    wrenches: list[list[float]] = key(
+        [], "each [torque; force] in the world", unit="Nm, N", size=6, bounds="from -30000 to 30000"
+    )
     repeats: int = key(1, "how often the wrenches follow each other", bounds="from 1 to 100000")
     every: float = key(0.0, "from the start of one repeat to the next", unit="s", bounds="not negative")
 

@@ -298,6 +298,25 @@ class RobotModel(PlantJoints):
         """(M(q) + B) vdot + c(q, v) + g(q) with the rotors' B, joint side, without friction, shape (n,) [Nm]."""
         return self.link_torque(context, vdot) + self.motor_inertia.dot(vdot)
 
+    def check_torque(self, key: str, value: object, torque: Array, factor: float = 1.0) -> None:
+        """Refuse what asks a joint for more than its motor gives; joints whose limits are not known give any torque.
+
+        Args:
+            key: of what asks for it.
+            value: of that key.
+            torque: that is needed in the start posture (n,) [Nm].
+            factor: on the limits [1].
+
+        Raises:
+            BadInputError: about the joint that is the farthest beyond its limit.
+        """
+        share = np.abs(torque) / self.limits.torque
+        joint = int(np.argmax(share))
+        if share[joint] > factor:
+            name, needed = self.parts.joints[joint].name(), abs(float(torque[joint]))
+            most = f"{factor:g} times " * (factor != 1.0) + f"its {self.limits.torque[joint]:.4g} Nm"
+            raise invalid(key, value, f"held in the start posture: {name} needs {needed:.6g} Nm of at most {most}")
+
     def smallest_singular_value(self, context: Context) -> float:
         """Distance from a singular posture [1]: smallest singular value of the TCP Jacobian.
 

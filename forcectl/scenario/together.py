@@ -12,6 +12,7 @@ from forcectl.analysis.slot import check_needs
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
+from forcectl.motion.loads import loaded_frames
 from forcectl.scenario.catalog import tags_of
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ _STARTS = ("start", "start_time", "tare_start", "times")  # keys that hold when 
 _TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
 _LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
+_FAR = 10.0  # times the torque of a motor
 _PARALLEL = 1e-3  # sine of the angle
 
 
@@ -76,6 +78,7 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
     for name, analysis in scenario.analyses.items():
         check_needs(analysis, loop.signals, f"analyses.{name}")
     _check_frequencies(scenario, loop.workcell.period)
+    _check_loads(scenario, loop)
     if "desired_force" in loop.signals:
         _check_forces(scenario, loop.workcell.period)
     check_distinct("log", scenario.log)
@@ -138,6 +141,17 @@ def _check_frequencies(scenario: Scenario, period: float) -> None:
                 if (value := getattr(part, field.name)) >= fastest:
                     half = f"below {fastest:.4g} Hz, half the rate of control with its tick of {period:g} s"
                     raise invalid(join(key, field.name), value, half)
+
+
+def _check_loads(scenario: Scenario, loop: Loop) -> None:
+    """Loads at the start are not far beyond what the motors hold: that would be a slip of the unit, and no push."""
+    robot, start = loop.workcell.robot, loop.workcell.start
+    for i, load in enumerate(scenario.station.loads):
+        for k, wrench in enumerate(getattr(load, "wrenches", ())):
+            own = robot.for_arm(load.arm) if load.arm else robot
+            frame = loaded_frames([load], robot)[load.body] if load.body else own.tcp_frame
+            torque = robot.jacobian_of(robot.context_at(start), frame).T @ wrench
+            robot.check_torque(f"station.loads.{i}.wrenches.{k}", wrench, torque, factor=_FAR)
 
 
 def _laws(controller: Any) -> Iterator[tuple[str, Any]]:

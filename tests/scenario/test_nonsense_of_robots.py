@@ -63,7 +63,34 @@ REFUSED = [
         "controller.dither.frequency = 400.0: must be below 250 Hz, half the rate of control with its tick of 0.002 s",
     ),
     ("fig_5_2", "controller.frequency=70", "controller.frequency = 70.0: must be below 69.44 Hz, half the rate of"),
+    # what no motor holds
+    (
+        "peg_in_hole",
+        "model.payload=2000",
+        "model.payload = 2000.0: must be held in the start posture: left_joint_4 needs 255",
+    ),
+    ("fig_2_7", "model.payload=2000", "model.payload = 2000.0: must be held in the start posture: joint_3 needs 127"),
+    (
+        "usable_forces",
+        "station.loads=[{wrenches: [[0, 0, 0, 0, 0, 2e4]]}]",
+        "station.loads.0.wrenches.0 = [0.0, 0.0, 0.0, 0.0, 0.0, 20000.0]: must be held in the start posture: left_jo",
+    ),
+    (
+        "usable_forces",
+        "station.loads=[{body: left_link_4, wrenches: [[0, 0, 0, 0, 0, -20], [0, 0, 0, 0, 2000, 0]]}]",
+        "station.loads.0.wrenches.1 = [0.0, 0.0, 0.0, 0.0, 2000.0, 0.0]: must be held in the start posture: left_join",
+    ),
+    (
+        "usable_forces",
+        "station.loads=[{wrenches: [[0, 0, 0, 0, 0, 1e5]]}]",
+        "station.loads.0.wrenches.0.5 = 100000.0: must be from -30000 to 30000",
+    ),
 ]  # fmt: skip
+
+
+def test_what_a_robot_can_hold_is_not_refused():
+    settings = ["model.payload=0.5", "station.loads=[{wrenches: [[0, 0, 0, 0, 0, 200]]}]"]
+    assert build("usable_forces", overrides=parse_settings(settings)).workcell.num_joints == 14
 
 
 @pytest.mark.parametrize("case", REFUSED, ids=lambda case: f"{case[0]}: {case[1]}")
