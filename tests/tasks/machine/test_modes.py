@@ -30,7 +30,7 @@ def stopping(**changes):
 BAD = {
     "no such target": (stopping(to="complaint"), "modes.stopping.exits.0.to: unknown mode 'complaint': did you mean "),
     "no such mode at a timeout": (changed("stopping", on_timeout="stick"), "modes.stopping.on_timeout: unknown mode"),
-    "no mode at a timeout": (changed("stopping", on_timeout=""), "modes.stopping.on_timeout: unknown mode ''"),
+    "no mode at a timeout": (changed("stopping", on_timeout=""), "modes.stopping.on_timeout is missing: must be the "),
     "back to itself": (stopping(to="stopping"), "modes.stopping.exits.0.to = 'stopping': must be another mode"),
     "times out to itself": (changed("stopping", on_timeout="stopping"), "modes.stopping.on_timeout = 'stopping'"),
     "not reached": (lambda modes: modes | {"idle": mode(on_timeout="stuck")}, "modes.idle: cannot be reached from"),
