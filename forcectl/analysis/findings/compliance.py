@@ -10,6 +10,7 @@ from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.analysis.findings.pressing import Pressing
 
 _RANGE = 0.1  # of the largest reference, that the force in contact changes by at least
+_STRAIGHT = 0.05  # of the way, that it may be from a line
 _FACTOR = 2.0  # between both compliances of the surface, from where on it is worth a word
 _SHARE = 0.1  # of the model's whole compliance, that they differ by at least
 _MOST = 100.0  # times, beyond which the factor is not told
@@ -29,7 +30,10 @@ def compliance_findings(log: Pressing, robot: float, believed: float) -> Iterato
     force, way = log.true[here], -log.displacement[here]  # into the surface
     if len(force) < 2 or np.ptp(force) < _RANGE * log.desired.max() or not np.ptp(force) > 0:
         return
-    seen = float(np.polyfit(force, way, 1)[0]) - robot
+    line = np.polyfit(force, way, 1)
+    if np.std(way - np.polyval(line, force)) > _STRAIGHT * np.ptp(way):  # loads and hops are no compliance
+        return
+    seen = float(line[0]) - robot
     factor = max(believed / seen if seen > 0 else np.inf, seen / believed)
     if factor < _FACTOR or abs(seen - believed) < _SHARE * (robot + believed):
         return

@@ -9,6 +9,7 @@ import pytest
 
 import forcectl as fc
 from forcectl.analysis.findings.finding import RunFinding, Severity
+from forcectl.motion.loads import LoadConfig
 
 WORDS: Any = re.compile(r"the surface gives (.+) um/N, that of the model (.+) um/N: it is (.+) times as (.+)")
 STIFFNESS, MODEL = "station.environment.stiffness", "model.environment_compliance"
@@ -60,3 +61,8 @@ def test_a_damped_surface_and_one_that_is_touched_later_are_measured_as_well() -
     touched = {"station.environment.surface.gap": 1e-3, "station.environment.damping": 100.0}
     (one,) = told("OneDimensional", 2e4, 4.0, **touched)
     assert float(WORDS.fullmatch(one.text)[3]) == pytest.approx(4.0, rel=0.1)
+
+
+def test_a_push_on_the_tool_is_no_compliance() -> None:
+    push = LoadConfig(start=0.6, hold=0.3, wrenches=[[0.0, 0.0, 0.0, 15.0, 15.0, -15.0]])
+    assert told("Multibody", 6e4, 1.0, **{"station.loads": [push]}) == []
