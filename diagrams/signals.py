@@ -26,6 +26,12 @@ from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
 
+# What puts a signal out, in the words of a scenario.
+_MAKERS = {
+    "estimated_wrench": "estimators: {force: !ForceEstimator {}}",
+    "torque_elsewhere": "estimators: {force: !KalmanForceEstimator {}}",
+}
+
 
 class SignalChoice(Protocol):
     """What stands at a key of the scenario's part `signals`."""
@@ -234,7 +240,8 @@ class Signals:
         meaning = f" ({SIGNALS[name].meaning})" if name in SIGNALS else ""
         known = sorted(set(self._offers) - self._truth | set(self.chosen))
         nothing = f" wants {name}{meaning}, which nothing puts out"
-        allowed = f"one of {', '.join(known)}, or have a part that puts it out"
+        such = f", such as `{_MAKERS[name]}`" if name in _MAKERS else ""
+        allowed = f"one of {', '.join(known)}, or have a part that puts it out{such}"
         raise BadInputError(f"{nothing}: must be {allowed}", key=wanted_by)
 
     def connect(self, part: str, system: System, optional: tuple[str, ...] = ()) -> None:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Iterable, Mapping
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import pairwise, product
 from typing import Any
 
 from forcectl.errors import BadInputError, invalid, unknown
@@ -37,6 +37,7 @@ _FUNCTIONS: dict[str, tuple[Callable[..., Any], int, float]] = {
     "min": (min, 2, math.inf),
     "max": (max, 2, math.inf),
 }
+_ANY = (-math.inf, math.inf)
 
 
 class _UndefinedError(Exception):
@@ -121,6 +122,20 @@ class Expression:
                         least, most = _held(type(op), number, mirrored)
                         found[name] = max(low, least), min(high, most)
         return found
+
+    def settled(self, ranges: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, bool]]:
+        """Comparisons that come out the same whatever the values are, as written, and whether they hold.
+
+        Args:
+            ranges: lowest and highest value by name; a name that is left out may have any value.
+        """
+        for part in _parts_of_condition(self._tree):
+            if len(found := _outcomes(part, ranges)) == 1:
+                yield ast.unparse(part), found.pop()
+
+    def always_holds(self, ranges: Mapping[str, tuple[float, float]]) -> bool:
+        """Whether the whole condition holds for all values within ranges, see `settled`."""
+        return _outcomes(self._tree, ranges) == {True}
 
     def __call__(self, values: Mapping[str, Any]) -> Any:
         """The value of the expression; None where it has none.
@@ -263,6 +278,58 @@ def _held(op: type, number: float, mirrored: bool) -> tuple[float, float]:
     toward = math.inf if (op in (ast.Gt, ast.GtE)) != mirrored else -math.inf
     bound = math.nextafter(number, toward) if op in (ast.Gt, ast.Lt) else number
     return (bound, math.inf) if toward > 0 else (-math.inf, bound)
+
+
+def _outcomes(node: ast.expr, ranges: Mapping[str, tuple[float, float]]) -> set[bool]:
+    """What a condition may come out as while names lie within ranges."""
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        return {not each for each in _outcomes(node.operand, ranges)}
+    if isinstance(node, ast.BoolOp):
+        joined = all if isinstance(node.op, ast.And) else any
+        return {joined(each) for each in product(*(_outcomes(part, ranges) for part in node.values))}
+    if not isinstance(node, ast.Compare):
+        return {True, False}
+    terms = [_range(term, ranges) for term in (node.left, *node.comparators)]
+    pairs = zip(node.ops, pairwise(terms), strict=True)
+    return {all(each) for each in product(*(_compared(type(op), *pair) for op, pair in pairs))}
+
+
+def _compared(op: type, left: tuple[float, float], right: tuple[float, float]) -> set[bool]:
+    """What a comparison of two numbers within ranges may come out as."""
+    if op in (ast.Gt, ast.GtE):
+        return _compared(ast.Lt if op is ast.Gt else ast.LtE, right, left)
+    if op is ast.NotEq:
+        return {not each for each in _compared(ast.Eq, left, right)}
+    if op is ast.Eq:
+        if left[1] < right[0] or right[1] < left[0]:
+            return {False}
+        return {True} if left[0] == left[1] == right[0] == right[1] else {True, False}
+    compare = _OPERATORS[op]
+    surely, possibly = compare(left[1], right[0]), compare(left[0], right[1])
+    return {True} if surely else {True, False} if possibly else {False}
+
+
+def _range(node: ast.expr, ranges: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+    """Lowest and highest value of a term while names lie within ranges; of what is not looked into: any."""
+    if name := _dotted(node):
+        return ranges.get(name, _ANY)
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        return float(node.value), float(node.value)
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        low, high = _range(node.operand, ranges)
+        return -high, -low
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub | ast.Mult):
+        pairs = product(_range(node.left, ranges), _range(node.right, ranges))
+        ends = [_OPERATORS[type(node.op)](*pair) for pair in pairs]
+        return _ANY if any(map(math.isnan, ends)) else (min(ends), max(ends))
+    if isinstance(node, ast.Call):
+        inner = [_range(part, ranges) for part in node.args]
+        if _dotted(node.func) == "abs":
+            low, high = inner[0]
+            return max(low, -high, 0.0), max(-low, high)
+        choose = min if _dotted(node.func) == "min" else max
+        return choose(low for low, _ in inner), choose(high for _, high in inner)
+    return _ANY
 
 
 def _dotted(node: ast.AST) -> str:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 LONGEST_DURATION = 86_400.0  # [s]
 _STARTS = ("start", "start_time", "tare_start", "times")  # keys that hold when something begins [s]
+_LASTS = {"controller": ("hold",), "station": ("delay", "posture_period")}  # keys of what takes a while to begin [s]
 _TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
 _LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
@@ -45,6 +46,8 @@ def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
     for key, start in _starts(scenario):
         if start > 0 and start >= scenario.duration and ("duration" not in overrides or _forced(key, overrides)):
             raise invalid(key, start, f"below duration = {scenario.duration:g} s")
+    if "duration" not in overrides:
+        _check_lasting(scenario)
     period = scenario.station.period
     if period is not None and scenario.duration < period:
         raise invalid("duration", scenario.duration, f"at least station.period = {period:g} s")
@@ -216,6 +219,18 @@ def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
                     yield from ((f"{key}.{field.name}.{i}", float(time)) for i, time in enumerate(each))
                 elif isinstance(start, int | float):
                     yield join(key, field.name), float(start)
+
+
+def _check_lasting(scenario: Scenario) -> None:
+    """What takes a while takes less than the run; defaults do so in any but very short ones."""
+    for name, lasting in _LASTS.items():
+        for key, part in _configs(getattr(scenario, name), name):
+            for field in fields(part):  # type: ignore[arg-type]
+                if field.name not in lasting or key_of(field).unit != "s":
+                    continue
+                value = getattr(part, field.name)
+                if value != default_of(field) and value >= scenario.duration:
+                    raise invalid(join(key, field.name), value, f"below duration = {scenario.duration:g} s")
 
 
 def _configs(part: Any, key: str) -> Iterator[tuple[str, Config]]:

@@ -111,3 +111,34 @@ def test_a_condition_that_cannot_hold_is_refused(text, told):
     with pytest.raises(BadInputError, match=re.escape(told)):
         Expression(text, "success").check_condition()
     Expression("a >= 1 and a <= 1 and b == 'wood'").check_condition()
+
+
+RANGES = {"a": (0.0, 1.0), "b": (2.0, 3.0)}
+
+
+@pytest.mark.parametrize(
+    ("text", "settled"),
+    [
+        ("a < 1", []),
+        ("a <= 1", [("a <= 1", True)]),
+        ("a > 1", [("a > 1", False)]),
+        ("a == 2", [("a == 2", False)]),
+        ("a != 2", [("a != 2", True)]),
+        ("-1 < a < 5", [("-1 < a < 5", True)]),
+        ("a + b >= 2", [("a + b >= 2", True)]),
+        ("a - b > 0", [("a - b > 0", False)]),
+        ("-a * b > -3.5", [("-a * b > -3.5", True)]),
+        ("abs(a - 2) < 1", [("abs(a - 2) < 1", False)]),
+        ("min(a, x) > 1 or max(b, x) >= 2", [("min(a, x) > 1", False), ("max(b, x) >= 2", True)]),
+        ("not (a < 5) and x > 0", [("a < 5", True)]),
+        ("b / a > -1 and x * a > -1 and a ** 2 > -1 and a == 'wood'", []),
+    ],
+)
+def test_comparisons_that_no_value_changes(text, settled):
+    assert list(Expression(text).settled(RANGES)) == settled
+
+
+def test_a_condition_that_always_holds():
+    assert Expression("a < 0.5 or b > 1").always_holds(RANGES)
+    assert not Expression("a < 0.5 or b > 2").always_holds(RANGES)
+    assert not Expression("a < 5 and x > 0").always_holds(RANGES)

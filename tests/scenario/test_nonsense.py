@@ -47,6 +47,8 @@ REFUSED = [
     ("duration: true", "duration = True: must be a number"),
     ("duration: '5'", "duration = '5': must be a number"),
     ("duration: 50\nreference: !File {path: late.csv}", "reference.path begins at 100 s: must begin before duration"),
+    ("duration: 0.5\nstation: {sensors: {force: {delay: 0.5}}}", "force.delay = 0.5: must be below duration = 0.5 s"),
+    ("duration: 0.5\nstation: {posture_period: 100}", "station.posture_period = 100.0: must be below duration = 0.5 s"),
     # surfaces, faults, signals
     ("station: {environment: {surface: {moves: [{start: 0.1}]}}}", "surface.moves.0.distance = 0.0: must be not zero"),
     (

@@ -6,6 +6,8 @@ A machine is refused, in one line with the key, when
 * a mode is neither an end nor has a timeout, is both, or cannot be reached from the start;
 * the timeouts alone do not lead from each mode to an end: a machine none of whose guards ever holds ends, too;
 * a guard compares nothing with a signal, or cannot hold before the timeout; a second one is the same as the first;
+* a comparison in a guard comes out the same whatever the signals are;
+* a guard holds from the first tick of its mode on, or one of `always` from the first tick of the machine on;
 * no mode is a success, or a failure has no reason, or another mode has one;
 * a name of a mode is not made of letters, digits and _, or a gripper is neither open nor closed.
 """
@@ -23,7 +25,11 @@ from forcectl.tasks.machine.chart import ChartArrow, ChartMode, MachineChart
 
 GRIPPERS = ("open", "closed")
 LONGEST_GAP = 0.05  # [s]
-_SWITCHES = ("reached", "stalled", "gripper_holds")  # signals that are 0 or 1
+_SWITCHES = ("reached", "stalled", "holding", "gripper_holds")  # signals that are 0 or 1
+_SOON = 1e-9  # [s] after something began: guards are first looked at a tick later
+_RANGES = {"time": (0.0, math.inf), "elapsed": (_SOON, math.inf), "visits": (1.0, math.inf)}
+_AT_ONCE = {"time": (0.0, _SOON)}
+_AT_START = {"time": (0.0, _SOON), "elapsed": (_SOON, _SOON), "visits": (1.0, 1.0)}
 
 
 @dataclass(kw_only=True)
@@ -71,6 +77,10 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
         _check_mode("on_bad_signal", on_bad_signal, modes)
     for i, exit_ in enumerate(always):
         _check_mode(f"always.{i}.to", exit_.to, modes)
+    longest = max((mode.timeout for mode in modes.values() if mode.timeout is not None), default=math.inf)
+    for i, exit_ in enumerate(always):
+        if exit_.hold >= longest:
+            raise invalid(f"always.{i}.hold", exit_.hold, f"below the longest timeout of a mode, {longest:g} s")
     _check_guards("always", always)
     for name, mode in modes.items():
         _check_ways(f"modes.{name}", name, mode, modes)
@@ -170,11 +180,23 @@ def _check_guards(place: str, exits: Sequence[ExitConfig], timeout: float = math
         low, high = limits.get("time", (0.0, 0.0))
         if low >= timeout or high < 0:
             raise invalid(key, exit_.when, f"true before the timeout, {timeout:g} s")
+        _check_open(key, condition, _AT_ONCE if math.isfinite(timeout) else _AT_START)
         if exit_.hold >= timeout:
             raise invalid(f"{place}.{i}.hold", exit_.hold, f"below the timeout, {timeout:g} s")
         for j, first in enumerate(exits[:i]):
             if "".join(first.when.split()) == "".join(exit_.when.split()) and first.hold <= exit_.hold:
                 raise invalid(key, exit_.when, f"another guard than that of {j}, which counts first")
+
+
+def _check_open(key: str, condition: Expression, first: Mapping[str, tuple[float, float]]) -> None:
+    """It depends on the signals whether a guard holds, and does not hold anyway when it is first looked at."""
+    ranges = {name: (0.0, 1.0) for name in condition.names if name.partition(".")[0] in _SWITCHES} | _RANGES
+    for part, holds in condition.settled(ranges):
+        shown = "" if part == condition.text.strip() else f": {part!r}"
+        way = "true: must be able to be false; time > 0 goes on at once" if holds else "false: must be able to hold"
+        raise BadInputError(f" = {condition.text!r}{shown} is always {way}", key=key)
+    if condition.always_holds(ranges | first):
+        raise BadInputError(f" = {condition.text!r} is true from the first tick on: must be false there", key=key)
 
 
 def _reached(modes: Modes, begins: Sequence[str]) -> set[str]:

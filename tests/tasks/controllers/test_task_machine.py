@@ -153,14 +153,24 @@ def test_a_mode_that_does_not_fit_is_told_by_its_key(changed: tuple[str, str], t
         (("to: press}", "to: pres}"), "controller.modes.lower.exits.0.to: unknown mode 'pres'"),
         (("{arm: left}", "{arm: left, targets: [{value: [0.1]}]}"), "controller.tasks.hold.targets: must be left out"),
         (("timeout: 1.0", "timeout: null"), "controller.modes.press.timeout = None: must be given"),
+        (("hold: 0.02", "hold: 0.4"), "controller.modes.lower.exits.1.hold = 0.4: must be below duration = 0.3 s"),
         (("{by: -0.002}", "{by: -0.002, velocity: 0.1}"), "controller.modes.press.references.touch.z.by and velocity"),
     ],
 )
 def test_a_machine_that_is_none_is_told_by_its_key(changed: tuple[str, str], told: str) -> None:
     assert changed[0] in LOWER
     with pytest.raises(BadInputError) as error:
-        config(LOWER.replace(*changed))
+        config(LOWER.replace(*changed) + "duration: 0.3\n")
     assert told in str(error.value)
+
+
+def test_a_force_that_guards_read_is_estimated() -> None:
+    with pytest.raises(BadInputError) as error:
+        fc.build(
+            parse(STATION.replace("estimators: {force: !ForceEstimator {}}", "estimators: {}") + LOWER, "own.yaml")
+        )
+    assert "scenario: controller wants estimated_wrench (of the environment" in str(error.value)
+    assert str(error.value).endswith("puts it out, such as `estimators: {force: !ForceEstimator {}}`")
 
 
 def test_the_machine_is_drawn() -> None:
