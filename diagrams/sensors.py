@@ -256,5 +256,11 @@ class ContactTruthConfig(Config):
         by = bodies_named(site.plant, self.by, "by") if self.by else None
         if by is not None and on & by:
             raise invalid("by", self.by, "other bodies than those of on")
+        for part in site.held:
+            if by is not None and part.bodies >= on and part.config.hand:
+                for other in site.held:
+                    if other.bodies >= by and other.config.hand == part.config.hand:
+                        apart = f"held by another arm than {self.on}: both are in the {part.config.hand} hand"
+                        raise invalid("by", self.by, apart)
         frame = frame_called(site.plant, self.frame, "frame")
         return builder.AddNamedSystem("contact_wrench", ContactWrench(site.plant, on, by, frame, len(site.pairs)))

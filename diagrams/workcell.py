@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +13,14 @@ from pydrake.systems.framework import Context, DiagramBuilder, System
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
-from forcectl.framework.wiring import add_part
+from forcectl.framework.wiring import add_part, made_by
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.contact.compliant_contact import contact_response
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.pairs.pair_contact import PairContactPart
 from forcectl.plant.contact.part import PartConfig
 from forcectl.plant.contact.surface import SurfaceConfig
+from forcectl.plant.sensors.joint_sensors import ReadingFault
 from forcectl.robot.model import RobotModel, unit_normal
 
 if TYPE_CHECKING:
@@ -220,6 +222,9 @@ def describe(config: StationConfig) -> Workcell:
     period = robot.parameters.period if config.period is None else config.period
     _check_times(config, period)
     start = _start_posture(config, robot)
+    for i, fault in enumerate(config.faults):
+        if hasattr(fault, "fault"):
+            made_by(fault, "fault", f"faults.{i}", ReadingFault, "a ReadingFault", robot.parameters.arm_joints)
     environment = config.environment_parts()
     parts = {name: part for name, part in environment.items() if hasattr(part, "placement")}
     obstacles = {name: part for name, part in environment.items() if hasattr(part, "pose")}
@@ -231,6 +236,13 @@ def describe(config: StationConfig) -> Workcell:
                 if part not in parts:
                     raise unknown("part", part, parts).at(role)
             pair.check_models(*(parts[part].model for part in named.values()))
+            (one, first), (other, second) = named.items()
+            if parts[first].hand and parts[first].hand == parts[second].hand:
+                apart = (
+                    f"a part that another arm holds than {one} = {first!r}: both are in the {parts[first].hand} hand"
+                )
+                raise invalid(other, second, apart)
+    _check_clear(robot, start, obstacles)
     contacts = []
     for name, part in environment.items():
         if name not in {**obstacles, **parts, **pairs}:
@@ -275,6 +287,23 @@ def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
             f"posture_deg.{joint}", float(f"{np.degrees(posture[joint]):.9g}"), f"from {low:.4g} to {high:.4g}"
         )
     return posture
+
+
+def _check_clear(robot: RobotModel, start: Vector, obstacles: Mapping[str, ObstacleConfig]) -> None:
+    """No link of the robot has its origin inside a box at the start."""
+    if not obstacles:
+        return
+    context, plant = robot.context_at(start), robot.plant
+    places = {
+        (body := plant.get_body(index)).name(): body.EvalPoseInWorld(context).translation()
+        for index in plant.GetBodyIndices(robot.parts.instance)
+    }
+    for box in obstacles.values():
+        for link, place in places.items():
+            if box.holds(place):
+                fault = f" of size {box.size} at {box.position} has {link} of the robot inside, which is at"
+                with about(box):
+                    raise BadInputError(f"{fault} {np.round(place, 3).tolist()} at the start: must be clear of it")
 
 
 def holding_stiffness(drive: Any, robot: RobotModel) -> Vector:

@@ -273,6 +273,45 @@ def test_nonsense_is_refused_in_one_line(tmp_path, case):
     assert "\n" not in str(caught.value)
 
 
+PARTS = "station.environment.parts"
+OF_EXPERIMENTS = [
+    (
+        "peg_in_hole",
+        {f"{PARTS}.tube.arm": "left"},
+        "peg_in_hole.yaml:18: station.sensors.seat.by = ['tube']: must be held by another arm than ['plunger']",
+    ),
+    (
+        "peg_in_hole",
+        {f"{PARTS}.seat": parse("a: !PegInBore {peg: plunger, bore: tube}", "t")["a"], f"{PARTS}.tube.arm": "left"},
+        f"override: {PARTS}.seat.bore = 'tube': must be a part that another arm holds than peg = 'plunger': both are",
+    ),
+    (
+        "fig_5_3",
+        {"station.environment.size": [2.0, 2.0, 2.0]},
+        "override: station.environment of size [2.0, 2.0, 2.0] at [0.4, 0.34, 0.1325] has robot_base of the robot ins",
+    ),
+    (
+        "fig_2_8",
+        {"station.faults": parse("a: [!ReadingFault {joint: joint_9}]", "t")["a"]},
+        "override: station.faults.0.joint: unknown joint 'joint_9': did you mean 'joint_6'? known: joint_1",
+    ),
+    (
+        "peg_in_hole",
+        {"station.faults": parse("a: [!ReadingFault {joint: joint_9}]", "t")["a"]},
+        "override: station.faults.0.joint: unknown joint 'joint_9': did you mean",
+    ),
+]
+
+
+@pytest.mark.parametrize("case", OF_EXPERIMENTS, ids=lambda case: f"{case[0]}: {', '.join(case[1])}")
+def test_an_experiment_is_not_made_nonsense(case):
+    name, overrides, message = case
+    with pytest.raises(BadInputError) as caught:
+        build(name, overrides=overrides)
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_run_may_be_cut_short_before_what_is_in_it_begins(tmp_path):
     file = tmp_path / "own.yaml"
     file.write_text("duration: 9\nreference: !Step {start_time: 3}\n")

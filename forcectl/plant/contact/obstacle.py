@@ -5,19 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from forcectl.framework.fields import Config, key
 
 LARGEST_STIFFNESS = 1e7  # [N/m] of the links where they touch something
+_SKIN = 1e-3  # [m] at the surface of a box that does not count as its inside
 
 
 @dataclass(kw_only=True)
 class ObstacleConfig(Config):
     """A box that the robot may touch, fixed to the world."""
 
-    size: list[float] = key([0.2, 0.2, 0.2], "of the edges", unit="m", bounds="positive", size=3)
-    position: list[float] = key([0.5, 0.0, 0.0], "of its centre", unit="m", size=3)
+    size: list[float] = key([0.2, 0.2, 0.2], "of the edges", unit="m", bounds="above 0 and at most 20", size=3)
+    position: list[float] = key([0.5, 0.0, 0.0], "of its centre", unit="m", bounds="from -20 to 20", size=3)
     rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw", unit="deg", size=3)
     stiffness: float = key(
         1e4,
@@ -32,3 +34,8 @@ class ObstacleConfig(Config):
     def pose(self) -> RigidTransform:
         """Of its centre in the world."""
         return RigidTransform(RollPitchYaw(np.radians(self.rotation_deg)), np.array(self.position))
+
+    def holds(self, point: ArrayLike) -> bool:
+        """Whether a point in the world (3,) [m] is inside the box, and not on its surface."""
+        within = np.abs(self.pose.inverse() @ np.asarray(point, dtype=float))
+        return bool((within < 0.5 * np.array(self.size) - _SKIN).all())

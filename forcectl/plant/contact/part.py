@@ -19,6 +19,7 @@ from forcectl.framework.fields import Config, key
 from forcectl.models import models_folder
 
 _FILES = (".urdf", ".sdf")
+_NEAR = "from -3 to 3"  # [m] farther than any arm reaches
 
 
 @dataclass(kw_only=True)
@@ -36,21 +37,21 @@ class GraspConfig(Config):
     )
     # Beyond the stretch of the springs at their limits, 20 mm with the defaults: what only gives way is not lost.
     largest_offset: float = key(
-        0.025, "of the part from where it was taken; farther off it is lost", unit="m", bounds="positive"
+        0.025, "of the part from where it was taken; farther off it is lost", unit="m", bounds="above 0 and at most 0.5"
     )
-    reach: float = key(0.005, "offset up to which a closing gripper takes the part", unit="m", bounds="not negative")
-    reach_deg: float = key(5.0, "angle up to which it does", unit="deg", bounds="not negative")
+    reach: float = key(0.005, "offset up to which a closing gripper takes the part", unit="m", bounds="from 0 to 0.5")
+    reach_deg: float = key(5.0, "angle up to which it does", unit="deg", bounds="from 0 to 180")
 
 
 @dataclass(kw_only=True)
 class MisplacementConfig(Config):
     """How a part is held otherwise than its task expects: the error of its place in the hand."""
 
-    offset: float = key(0.0, "across the z axis of the frame", unit="m", bounds="not negative")
+    offset: float = key(0.0, "across the z axis of the frame", unit="m", bounds="from 0 to 0.1")
     direction_deg: float | None = key(
         None, "of the offset, from the frame's x towards its y; null: drawn with the seed", unit="deg"
     )
-    tilt_deg: float = key(0.0, "of the z axis of the frame, about its origin", unit="deg", bounds="from 0 to 90")
+    tilt_deg: float = key(0.0, "of the z axis of the frame, about its origin", unit="deg", bounds="from 0 to 60")
     tilt_direction_deg: float | None = key(None, "towards which the z axis tilts; null: drawn", unit="deg")
 
     def drawn(self, rng: np.random.Generator) -> RigidTransform:
@@ -78,13 +79,17 @@ class PartConfig(Config):
     frame: str = key("", "of the model, which is placed; empty: of its first body")
     arm: str = key("", "that holds it at its TCP, or can take it there; empty: fixed to the world")
     position: list[float] = key(
-        [0.0, 0.0, 0.0], "of that frame in the TCP that holds it or the world", unit="m", size=3
+        [0.0, 0.0, 0.0], "of that frame in the TCP that holds it or the world", unit="m", bounds=_NEAR, size=3
     )
     rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw, likewise", unit="deg", size=3)
     misplaced: MisplacementConfig = key(MisplacementConfig, "error of its place in the hand or the world")
     grasp: GraspConfig = key(GraspConfig, "of the arm that holds it")
     lies_at: list[float] = key(
-        [], "of that frame in the world at the start, where it is not held; empty: in the hand", unit="m", size=3
+        [],
+        "of that frame in the world at the start, where it is not held; empty: in the hand",
+        unit="m",
+        bounds=_NEAR,
+        size=3,
     )
     lies_rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw, likewise", unit="deg", size=3)
 
@@ -95,6 +100,11 @@ class PartConfig(Config):
                 raise BadInputError("must be left out where no arm holds the part", key=name)
         if any(self.lies_rotation_deg) and not self.lies_at:
             raise BadInputError("must be left out where lies_at is", key="lies_rotation_deg")
+
+    @property
+    def hand(self) -> str:
+        """Name of the arm that holds the part at the start; "" of one that is fixed or lies somewhere."""
+        return "" if self.lies_at else self.arm
 
     @property
     def placement(self) -> RigidTransform:

@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from forcectl.errors import BadInputError
 from forcectl.models import models_folder
 from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening, turned_by
-from forcectl.plant.contact.part import GraspConfig, PartConfig
+from forcectl.plant.contact.part import GraspConfig, MisplacementConfig, PartConfig
 
 
 def test_a_shipped_part_and_a_file_of_ones_own():
@@ -57,12 +57,30 @@ def test_a_part_that_nobody_holds_has_no_grasp():
             "must be left out where lies_at is",
         ),
         ({"arm": "left", "lies_at": [0.0]}, "lies_at = [0.0]: must be three numbers"),
+        ({"arm": "left", "lies_at": [50.0, 0.0, 0.0]}, "lies_at.0 = 50.0: must be from -3 to 3"),
+        ({"position": [0.0, 0.0, 100.0]}, "position.2 = 100.0: must be from -3 to 3"),
     ],
 )
 def test_where_a_part_cannot_lie(keys, message):
     with pytest.raises(BadInputError) as caught:
         PartConfig(model="bayonet_cap", **keys)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("part", "keys", "message"),
+    [
+        (MisplacementConfig, {"offset": 3.0}, "offset = 3.0: must be from 0 to 0.1"),
+        (MisplacementConfig, {"tilt_deg": 90.0}, "tilt_deg = 90.0: must be from 0 to 60"),
+        (GraspConfig, {"largest_offset": 25.0}, "largest_offset = 25.0: must be above 0 and at most 0.5"),
+        (GraspConfig, {"reach": 5.0}, "reach = 5.0: must be from 0 to 0.5"),
+        (GraspConfig, {"reach_deg": 360.0}, "reach_deg = 360.0: must be from 0 to 180"),
+    ],
+)
+def test_millimetres_are_no_metres(part, keys, message):
+    with pytest.raises(BadInputError) as caught:
+        part(**keys)
+    assert str(caught.value).startswith(message)
 
 
 class Gripper:
