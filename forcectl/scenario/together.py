@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from forcectl.scenario.scenario import Scenario
 
 LONGEST_DURATION = 86_400.0  # [s]
-_STARTS = ("start", "start_time", "tare_start", "times")  # keys that hold when something begins [s]
+_STARTS = ("start", "start_time", "tare_start", "times", "released_at")  # keys that hold when something begins [s]
 _LASTS = {"controller": ("hold",), "station": ("delay", "posture_period")}  # keys of what takes a while to begin [s]
 _TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
@@ -208,6 +208,9 @@ def _check_effects(scenario: Scenario) -> None:
 
 def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
     """Dotted keys of when something begins, and that time [s]."""
+    for key, part in _configs(scenario.controller, "controller"):
+        if any(field.name == "time" and key_of(field).unit == "s" for field in fields(part)):  # type: ignore[arg-type]
+            yield join(key, "time"), part.time  # type: ignore[attr-defined]  # of a target
     for name in _TIMED:
         for key, part in _configs(getattr(scenario, name), name):
             for field in fields(part):  # type: ignore[arg-type]

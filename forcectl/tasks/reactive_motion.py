@@ -28,10 +28,10 @@ from forcectl.tasks.reactive_controller import READINGS, ReactiveController
 class MotionLimitsConfig(Config):
     """Limits of the references, in metres and in radians."""
 
-    speed: float = key(0.5, "of positions", unit="m/s", bounds="positive")
+    speed: float = key(0.5, "of positions", unit="m/s", bounds="above 0 and at most 10")
     acceleration: float = key(2.0, "of positions", unit="m/s^2", bounds="positive")
     jerk: float = key(20.0, "of positions", unit="m/s^3", bounds="positive")
-    turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="positive")
+    turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="above 0 and at most 30")
     turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
     turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
 

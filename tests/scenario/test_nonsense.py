@@ -49,6 +49,14 @@ REFUSED = [
     ("duration: 50\nreference: !File {path: late.csv}", "reference.path begins at 100 s: must begin before duration"),
     ("duration: 0.5\nstation: {sensors: {force: {delay: 0.5}}}", "force.delay = 0.5: must be below duration = 0.5 s"),
     ("duration: 0.5\nstation: {posture_period: 100}", "station.posture_period = 100.0: must be below duration = 0.5 s"),
+    (
+        "duration: 2\ncontroller: !ReactiveReaching {targets: [{arm: left, position: [0, 0, 0], time: 50}]}",
+        "controller.targets.0.time = 50.0: must be below duration = 2 s",
+    ),
+    (
+        "duration: 2\nstation: {environment: !Parts {parts: {a: !Part {model: m, arm: r, grasp: {released_at: 9}}}}}",
+        "station.environment.parts.a.grasp.released_at = 9.0: must be below duration = 2 s",
+    ),
     # surfaces, faults, signals
     ("station: {environment: {surface: {moves: [{start: 0.1}]}}}", "surface.moves.0.distance = 0.0: must be not zero"),
     (

@@ -81,7 +81,7 @@ class JointLimitConfig(Config):
 
     position_lower: list[float] = key([], "lowest position of each joint", unit="rad")
     position_upper: list[float] = key([], "highest position of each joint", unit="rad")
-    velocity: list[float] = key([], "largest speed of each joint", unit="rad/s", bounds="positive")
+    velocity: list[float] = key([], "largest speed of each joint", unit="rad/s", bounds="positive and at most 30")
     acceleration: list[float] = key([], "largest acceleration of each joint", unit="rad/s^2", bounds="positive")
     torque: list[float] = key([], "largest torque of each joint, joint side", unit="Nm", bounds="positive")
 

@@ -21,6 +21,7 @@ from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import RobotModel
 from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.reactive_controller import READINGS, ReactiveController
@@ -90,6 +91,7 @@ class ReactiveReachingConfig(TaskControllerConfig):
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """A `ReactiveReaching`."""
         tasks = self._tasks(start_motion(model))
+        _check_places(tasks, model)
         modes = {str(i): mode for i, mode in enumerate(self.modes)}
         controller = self.made_controller(model, {name: task for name, task, _ in tasks}, modes)
         targets = _targets(tasks, controller.task_start)
@@ -115,6 +117,47 @@ class ReactiveReachingConfig(TaskControllerConfig):
             task = ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation))
             found.append((arm, task, [(key, each.of_task()) for key, each in places if each.arm == arm]))
         return found
+
+
+def _check_places(tasks: Sequence[NamedTask], model: PlantModel) -> None:
+    """Targets of whole poses are within the length of the arm, and in none of the station's boxes.
+
+    Raises:
+        BadInputError: about the target that is not.
+    """
+    for _, task, targets in tasks:
+        if type(task) is not ArmTask or task.frame is not None or list(task.coordinates[:3]) != ["x", "y", "z"]:
+            continue
+        shoulder, reach = arm_reach(model.known_robot(), task.arm, model.start)
+        for where, target in targets:
+            place = target.value[:3]
+            if len(place) < 3 or np.abs(place).max() > _FARTHEST:
+                continue  # refused with the start
+            if (away := float(np.linalg.norm(place - shoulder))) > reach:
+                near = (
+                    f"within {reach:.3g} m, the length of the arm, of its first joint at {shoulder.round(3).tolist()}"
+                )
+                raise invalid(where, place, f"{near}: it is {away:.3g} m away")
+            for name, box in model.obstacles.items():
+                if box.holds(place):
+                    raise invalid(where, place, f"outside of the box {name!r} of size {box.size} at {box.position}")
+
+
+def arm_reach(robot: RobotModel, arm: str, posture: Array) -> tuple[Array, float]:
+    """Place of the first joint of an arm in the world (3,) [m], and how far its TCP can be from there at most [m].
+
+    Args:
+        robot: with that arm.
+        arm: its name.
+        posture: any, shape (n,) [rad].
+    """
+    parts, context = robot.parts, robot.context_at(posture)
+    one = parts.arms[arm]
+    frames = [*(joint.frame_on_child() for joint in parts.joints[one.joints]), one.tcp_frame]
+    places = np.array([frame.CalcPoseInWorld(context).translation() for frame in frames])
+    turning = all(joint.type_name() == "revolute" for joint in parts.joints[one.joints])
+    reach = np.linalg.norm(np.diff(places, axis=0), axis=1).sum() if turning else np.inf
+    return places[0], float(reach)
 
 
 def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:

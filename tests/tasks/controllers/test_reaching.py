@@ -16,13 +16,14 @@ from forcectl.analysis.tables.motion_tables import REACH_METRICS, is_motion_metr
 from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
+from forcectl.force.invariance.robot import JointLimitConfig
 from forcectl.framework.yaml_tree import parse
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.result import RunResult
 from forcectl.scenario.scenario import Scenario
-from forcectl.tasks.constraints.parts import WallConfig
+from forcectl.tasks.constraints.parts import SpeedLimitConfig, WallConfig
 from forcectl.tasks.controllers.reaching import RandomMovesConfig, ReachConfig, ReactiveReachingConfig
 from forcectl.tasks.null_space_parts import (
     ConstraintPotentialConfig,
@@ -174,6 +175,14 @@ def test_every_null_space_criterion_can_be_chosen(null_space: Any) -> None:
     ("changes", "said"),
     [
         ({"targets": [ReachConfig(arm="middle", position=[0, 0, 0])]}, "targets.0.arm: unknown arm 'middle'"),
+        (
+            {"targets": [ReachConfig(**LEFT), ReachConfig(arm="left", position=[5, 0, 0])]},
+            r"targets\.1\.position = \[5.*: must be within 0\.\d+ m, the length of the arm, of its first joint.* away",
+        ),
+        (
+            {"targets": [ReachConfig(**LEFT)], "obstacles": [ObstacleConfig(position=LEFT["position"])]},
+            r"targets\.0\.position = \[0\.2.*: must be outside of the box 'box_1' of size",
+        ),
         ({"constraints": [WallConfig(arm="middle", point=[0, 0, 0], normal=[0, 0, 1])]}, "unknown arm 'middle'"),
         ({"constraints": [WallConfig(arm="left", point=[0, 0, 2], normal=[0, 0, 1])]}, "violated in the start"),
         ({"link_distance": 0.5}, "violated in the start"),
@@ -209,6 +218,10 @@ def test_the_links_keep_away_from_the_boxes_of_the_station() -> None:
         (ReachConfig, {"arm": "left", "position": [0, 0, 0], "turn_deg": [180.0, 0.0, 0.0]}, "less than 180"),
         (ReachConfig, {"arm": "left", "position": [0, 0, 0], "time": -1.0}, "time"),
         (MotionLimitsConfig, {"speed": 0.0}, "speed"),
+        (MotionLimitsConfig, {"speed": 75.0}, "speed = 75.0: must be above 0 and at most 10"),
+        (MotionLimitsConfig, {"turn_speed": 90.0}, "turn_speed = 90.0: must be above 0 and at most 30"),
+        (JointLimitConfig, {"velocity": [180.0]}, "velocity.0 = 180.0: must be positive and at most 30"),
+        (SpeedLimitConfig, {"task": None, "limit": [1e-9]}, "limit.0 = 1e-09: must be from 1e-05 to 100"),
         (MotionLimitsConfig, {"turn_jerk": np.inf}, "jerk"),
         (EvasiveConfig, {"potentials": []}, "potentials"),
         (JointSpeedConfig, {"time_constant": -1.0}, "time_constant = -1.0"),
