@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -9,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.analysis.insertion import part_orientation, part_rows
+from forcectl.analysis.slot import check_parts
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError, unknown
+from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key
 
 if TYPE_CHECKING:
@@ -42,20 +44,30 @@ class AssemblyAnalysis(Config):
     straight_deg: float = key(5.0, "tilt of the mount in the cap that is straight", unit="deg", bounds="positive")
     force: float = key(18.0, "largest that is allowed", unit="N", bounds="positive")
 
+    def check(self, signals: Mapping[str, Any], setting: Setting) -> None:
+        """Parts are there.
+
+        Raises:
+            BadInputError: there is no such part, or none that an arm holds.
+        """
+        self._held(setting)
+
+    def _held(self, setting: Setting) -> list[str]:
+        """Names of the parts that an arm can hold."""
+        check_parts({field: getattr(self, field) for field in ("peg", "bore", "cap", "mount")}, setting)
+        held = [name for name, part in setting.workcell.parts.items() if part.arm]
+        for field in ("peg", "cap"):
+            if getattr(self, field) not in held:
+                raise BadInputError(" must be a part that an arm can hold", key=field)
+        return held
+
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `ASSEMBLY_METRICS`.
 
         Raises:
             BadInputError: there is no such part, or none that an arm holds.
         """
-        parts = setting.workcell.parts
-        for field in ("peg", "bore", "cap", "mount"):
-            if getattr(self, field) not in parts:
-                raise unknown("part", getattr(self, field), parts).at(field)
-        held = [name for name, part in parts.items() if part.arm]
-        for field in ("peg", "cap"):
-            if getattr(self, field) not in held:
-                raise BadInputError(" must be a part that an arm can hold", key=field)
+        held = self._held(setting)
         free = log["part_released"].values[-1] > 0.5
         let_go = {name: bool(free[held.index(name)]) for name in (self.peg, self.cap)}
         place, _ = _relative(log, setting, self.bore, self.peg)

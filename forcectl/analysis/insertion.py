@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from forcectl.analysis.slot import CONTACT_TRUTH, variants_of
+from forcectl.analysis.slot import CONTACT_TRUTH, check_modes, check_parts, variants_of
 from forcectl.analysis.transitions import Stay, stays
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError, invalid, unknown
@@ -18,6 +18,8 @@ from forcectl.framework.fields import Config, key
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from forcectl.diagrams.log import LoggedSignal
 
 Array = NDArray[np.float64]
 _ROUNDING = 1e-9  # [s]
@@ -93,6 +95,21 @@ class InsertionAnalysis(Config):
     task: int = key(1, "number of the task that inserts, whose estimated forces are drawn", bounds="positive")
     coordinate: int = key(1, "number of its first coordinate, from which on speeds are drawn", bounds="positive")
 
+    def check(self, signals: Mapping[str, LoggedSignal], setting: Setting) -> None:
+        """Parts, modes and task are there.
+
+        Raises:
+            BadInputError: one is not.
+        """
+        check_parts({"peg": self.peg, "bore": self.bore}, setting)
+        check_modes({f"on_contact.{i}": name for i, name in enumerate(self.on_contact)}, signals)
+        for name, signal, size in (("task", "task_wrench", 6), ("coordinate", "task_velocity", 1)):
+            if signal in signals:
+                rows = signals[signal].rows
+                most = (rows.stop - rows.start) // size
+                if getattr(self, name) > most:
+                    raise invalid(name, getattr(self, name), f"at most {most}, the number of {name}s")
+
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `INSERTION_METRICS`."""
         course = self.course(log, setting)
@@ -128,8 +145,6 @@ class InsertionAnalysis(Config):
         from forcectl.figures.insertion import insertion_figure
 
         runs = variants_of(log)
-        if "task_wrench" in log and 6 * self.task > log["task_wrench"].shape[-1]:
-            raise invalid("task", self.task, f"at most {log['task_wrench'].shape[-1] // 6}, the number of tasks")
         return {
             f"insertion_{i}" if len(runs) > 1 else "insertion": insertion_figure(
                 *(self.course(run, setting), run, stays(run), f"{title}: {name}" if name else title),

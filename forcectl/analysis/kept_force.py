@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from forcectl.analysis.insertion import decided_in_the_air, part_orientation
-from forcectl.analysis.slot import CONTACT_TRUTH, variants_of
+from forcectl.analysis.slot import CONTACT_TRUTH, check_modes, check_parts, variants_of
 from forcectl.analysis.tables.task_tables import KEPT_FORCE_METRICS
 from forcectl.analysis.transitions import Stay, stays
 from forcectl.diagrams.model import Setting
@@ -18,6 +19,8 @@ from forcectl.framework.fields import Config, key
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from forcectl.diagrams.log import LoggedSignal
 
 _LOCKS = 0.02  # [Nm] of true torque that the lock begins with
 
@@ -42,6 +45,18 @@ class KeptForceAnalysis(Config):
         super().__post_init__()
         if not self.force[0] < self.force[1]:
             raise invalid("force", self.force, "the smaller one first")
+
+    def check(self, signals: Mapping[str, LoggedSignal], setting: Setting) -> None:
+        """Parts, modes and coordinate are there.
+
+        Raises:
+            BadInputError: one is not.
+        """
+        check_parts({f"parts.{i}": name for i, name in enumerate(self.parts)}, setting)
+        check_modes({"mode": self.mode} | {f"on_contact.{i}": each for i, each in enumerate(self.on_contact)}, signals)
+        rows = signals["task_position"].rows
+        if self.turn > (most := rows.stop - rows.start):
+            raise invalid("turn", self.turn, f"at most {most}, the number of coordinates")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `KEPT_FORCE_METRICS`; None where a run never came to the mode, or to a success."""

@@ -9,8 +9,10 @@ own. It is a dataclass with two methods::
 and may have two more: `findings(log, setting) -> [RunFinding]`, added to those of every run, see
 `forcectl.analysis.findings`, and `files(log, setting) -> {file name: text}`, for what is to stand in the run directory.
 
-What it cannot do without stands in its class, `needs = {signal: what makes it}`: a scenario whose loop has no such
-signal is refused when it is built, and not after it was simulated.
+A third, `check(signals, setting)`, raises BadInputError about a key that does not fit the loop, such as a name that
+nothing has; `signals` are those of the log, by name. What it cannot do without stands in its class,
+`needs = {signal: what makes it}`. A scenario whose loop has no such signal, or that `check` refuses, is refused when it
+is built, and not after it was simulated.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ from typing import TYPE_CHECKING, Any
 from forcectl.analysis.force_metrics import metrics_of
 from forcectl.analysis.motion_metrics import joint_metrics
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.reader import join
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping, Sequence
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 
     from forcectl.analysis.findings.finding import RunFinding
     from forcectl.analysis.force_targets import Allowed
+    from forcectl.diagrams.log import LoggedSignal
 
 SURFACE = "surface"  # dimension of signals with one element for each surface that is pressed on
 # Of `needs`, what several analyses cannot do without.
@@ -50,6 +54,54 @@ def check_needs(analysis: Any, signals: Container[str], key: str = "analyses") -
     for signal, maker in getattr(analysis, "needs", {}).items():
         if signal not in signals:
             raise BadInputError(f" finds no {signal}: must go together with {maker}", key=key)
+
+
+def check_fits(analysis: Any, signals: Mapping[str, LoggedSignal], setting: Setting, key: str = "analyses") -> None:
+    """Refuse an analysis that cannot be done in a loop, see `check_needs` and its own `check`.
+
+    Args:
+        analysis: with or without `needs` and `check`.
+        signals: of the log, by name.
+        setting: of the loop.
+        key: of the analysis, for the message.
+
+    Raises:
+        BadInputError: about a key of the analysis.
+    """
+    check_needs(analysis, signals, key)
+    if not hasattr(analysis, "check"):
+        return
+    try:
+        analysis.check(signals, setting)
+    except BadInputError as error:
+        raise error.at(join(key, error.key)) from None
+
+
+def check_parts(names: Mapping[str, str], setting: Setting) -> None:
+    """Refuse names of parts that the station does not have.
+
+    Args:
+        names: by the key that each stands at.
+        setting: of the loop.
+    """
+    for key, name in names.items():
+        if name not in setting.workcell.parts:
+            raise unknown("part", name, setting.workcell.parts).at(key)
+
+
+def check_modes(names: Mapping[str, str], signals: Mapping[str, LoggedSignal]) -> None:
+    """Refuse names of modes that no state machine has.
+
+    Args:
+        names: by the key that each stands at.
+        signals: of the log, by name.
+    """
+    modes = signals["mode"].meanings if "mode" in signals else ()
+    for key, name in names.items():
+        if not modes:
+            raise invalid(key, name, "left out: no state machine has modes")
+        if name not in modes:
+            raise unknown("mode", name, modes).at(key)
 
 
 def run_metrics(

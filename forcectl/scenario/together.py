@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcectl.analysis.slot import check_needs
+from forcectl.analysis.slot import check_fits
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
@@ -79,7 +79,7 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
     if scenario.after_end is not None and "machine_end" not in loop.signals:
         raise invalid("after_end", scenario.after_end, "null: there is no state machine that ends")
     for name, analysis in scenario.analyses.items():
-        check_needs(analysis, loop.signals, f"analyses.{name}")
+        check_fits(analysis, loop.signals, loop.setting, f"analyses.{name}")
     _check_frequencies(scenario, loop.workcell.period)
     _check_loads(scenario, loop)
     if "desired_force" in loop.signals:

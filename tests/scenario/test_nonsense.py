@@ -285,6 +285,37 @@ PARTS = "station.environment.parts"
 OF_EXPERIMENTS = [
     (
         "peg_in_hole",
+        {"analyses.insertion.peg": "plungr"},
+        "override: analyses.insertion.peg: unknown part 'plungr': did you mean 'plunger'? known: plunger, tube",
+    ),
+    (
+        "peg_in_hole",
+        {"analyses.insertion.task": 7},
+        "override: analyses.insertion.task = 7: must be at most 2, the num",
+    ),
+    (
+        "peg_in_hole",
+        {"analyses.insertion.coordinate": 12},
+        "override: analyses.insertion.coordinate = 12: must be at most 11, the number of coordinates",
+    ),
+    (
+        "peg_in_hole",
+        {"analyses.insertion.on_contact": ["align", "alig"]},
+        "override: analyses.insertion.on_contact.1: unknown mode 'alig': did you mean 'align'? known: settle, approach",
+    ),
+    (
+        "cap_rotation",
+        {"analyses.kept.mode": "rotatin"},
+        "override: analyses.kept.mode: unknown mode 'rotatin': did you mean 'rotation'?",
+    ),
+    ("cap_rotation", {"analyses.kept.turn": 99}, "override: analyses.kept.turn = 99: must be at most"),
+    (
+        "pipette",
+        {"analyses.levels.cap": "tub"},
+        "override: analyses.levels.cap: unknown part 'tub': did you mean 'tube'",
+    ),
+    (
+        "peg_in_hole",
         {f"{PARTS}.tube.arm": "left"},
         "peg_in_hole.yaml:18: station.sensors.seat.by = ['tube']: must be held by another arm than ['plunger']",
     ),
