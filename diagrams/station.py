@@ -23,7 +23,7 @@ from forcectl.diagrams.fidelities.light import KinematicFidelity, OneDimensional
 from forcectl.diagrams.fidelities.multibody import MultibodyFidelity
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import unknown
+from forcectl.errors import check_distinct, unknown
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
@@ -72,6 +72,7 @@ class StationConfig(Config):
             if self.fidelity not in SHIPPED_FIDELITIES:
                 raise unknown("fidelity", self.fidelity, SHIPPED_FIDELITIES)
             self.fidelity = SHIPPED_FIDELITIES[self.fidelity]()
+        check_distinct("faults", self.faults)
 
     def environment_parts(self) -> dict[str, Any]:
         """The parts of the environment by name."""

@@ -224,7 +224,10 @@ def describe(config: StationConfig) -> Workcell:
     start = _start_posture(config, robot)
     for i, fault in enumerate(config.faults):
         if hasattr(fault, "fault"):
-            made_by(fault, "fault", f"faults.{i}", ReadingFault, "a ReadingFault", robot.parameters.arm_joints)
+            made = made_by(fault, "fault", f"faults.{i}", ReadingFault, "a ReadingFault", robot.parameters.arm_joints)
+            if made.end - made.start < period * (1 - 1e-9):
+                lasting = made.end - made.start
+                raise invalid(f"faults.{i}.duration", lasting, f"at least a control tick, {period:g} s")
     environment = config.environment_parts()
     parts = {name: part for name, part in environment.items() if hasattr(part, "placement")}
     obstacles = {name: part for name, part in environment.items() if hasattr(part, "pose")}

@@ -255,6 +255,10 @@ class FileConfig(_ForceReference, Config, in_batches=True):
         """From when on there are forces [s]."""
         return read_signal(self.path, "force")[0][0]
 
+    def last_time(self) -> float:
+        """Up to when there are forces [s]."""
+        return read_signal(self.path, "force")[0][-1]
+
     def trajectory(self) -> PiecewisePolynomial:
         """The reference over time [N]."""
         times, forces = read_signal(self.path, "force")

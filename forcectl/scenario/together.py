@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 LONGEST_DURATION = 86_400.0  # [s]
 _STARTS = ("start", "start_time", "tare_start", "times", "released_at")  # keys that hold when something begins [s]
 _LASTS = {"controller": ("hold",), "station": ("delay", "posture_period")}  # keys of what takes a while to begin [s]
+_OUTLASTS = 20  # times the run, that a file of a reference may last
 _TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
 _LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
@@ -59,6 +61,10 @@ def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
         if first >= scenario.duration:
             text = f" begins at {first:g} s: must begin before duration = {scenario.duration:g} s"
             raise BadInputError(text, key="reference.path")
+        last, latest = scenario.reference.last_time(), _OUTLASTS * scenario.duration
+        if last > latest:
+            text = f" ends at {last:g} s: must end before {latest:g} s, {_OUTLASTS} times duration; times are in s"
+            raise BadInputError(text, key="reference.path")
     _check_effects(scenario)
     _check_directions(scenario)
     _check_expectations(scenario)
@@ -83,6 +89,11 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
     _check_frequencies(scenario, loop.workcell.period)
     _check_loads(scenario, loop)
     if "desired_force" in loop.signals:
+        times = getattr(scenario.reference, "times", [])
+        for i, (one, other) in enumerate(pairwise(times), start=1):
+            if other - one < loop.workcell.period:
+                apart = f"at least a control tick of {loop.workcell.period:g} s after {one:g}"
+                raise invalid(f"reference.times.{i}", other, apart)
         _check_forces(scenario, loop.workcell.period)
     check_distinct("log", scenario.log)
     for i, name in enumerate(scenario.log):

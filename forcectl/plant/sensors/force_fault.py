@@ -40,6 +40,8 @@ class ForceFaultConfig(Config):
             raise invalid("value", self.value, f"from 0 to {_LONGEST:g} s for jitter")
         if self.kind == "noise" and self.value <= 0:
             raise invalid("value", self.value, "positive for noise")
+        if self.kind == "scale" and self.value == 1:
+            raise invalid("value", self.value, "another one for scale: a factor of 1 is no fault")
         if self.kind in _WITHOUT_VALUE and self.value != 0:
             raise invalid("value", self.value, f"left out: {self.kind} has none")
 
