@@ -55,3 +55,20 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
         raise BadInputError(f" = {show(path)} has {len(rows)} rows: must have at least 2", key="path")
     first, second = np.array(rows).T
     return first, second
+
+
+def check_meets(path: str, positions: Array, length: float) -> None:
+    """Refuse a series that lies wholly beyond a path.
+
+    Args:
+        path: of the file.
+        positions: increasing, shape (k,) [m].
+        length: of the path to both sides of its start [m].
+
+    Raises:
+        BadInputError: about `path`.
+    """
+    first, last = positions[0], positions[-1]
+    if first >= length or last <= -length:
+        told = f" = {path!r}: positions from {first:g} to {last:g} m"
+        raise BadInputError(f"{told}: must meet the path, from {-length:g} to {length:g} m", key="path")

@@ -9,6 +9,7 @@ from forcectl.framework.yaml_tree import equal, parse
 from forcectl.scenario.scenario import build, load_scenario
 
 LINE = "{target: t, metric: peak_force_N, maximum: 20, "
+MOVE = "distance: 0.01, duration: 0.6"
 # Text of a scenario; how the message goes on after the file. A line with `build` is only seen when the loop is built.
 REFUSED = [
     # tags where there is no choice
@@ -65,6 +66,18 @@ REFUSED = [
         "station.environment.parts.a.grasp.released_at = 9.0: must be below duration = 2 s",
     ),
     # surfaces, faults, signals
+    (
+        f"station: {{environment: {{surface: {{moves: [{{start: 1, {MOVE}}}, {{start: 0.5, {MOVE}}}]}}}}}}",
+        "surface.moves.0.start = 1.0: must be at least 1.1 s, when the move before it ends",
+    ),
+    (
+        "station: {environment: {surface: {materials: {segments: [{material: plastic, start: 50, end: 60}]}}}}",
+        "surface.materials.segments.0.start = 50.0: must be below 2 m: no path goes farther",
+    ),
+    (
+        "station: {environment: {surface: {heights: {f: !ProfileFile {path: far.csv}}}}}",
+        "positions from 5 to 6 m: must meet the path, from -0.2 to 0.2 m",
+    ),
     ("station: {environment: {surface: {moves: [{start: 0.1}]}}}", "surface.moves.0.distance = 0.0: must be not zero"),
     (
         "station: {environment: {surface: {moves: [{distance: 0.05, duration: 1e-6}]}}}",
@@ -280,6 +293,7 @@ def test_nonsense_is_refused_in_one_line(tmp_path, case):
     text, *when, message = case
     file = tmp_path / "own.yaml"
     file.write_text(f"{text}\n")
+    (tmp_path / "far.csv").write_text("position,height\n5,0\n6,0.001\n")
     (tmp_path / "ms.csv").write_text("time,force\n0,1\n1000,5\n4000,5\n")
     (tmp_path / "late.csv").write_text("time,force\n100,1\n200,5\n")
     with pytest.raises(BadInputError) as caught:

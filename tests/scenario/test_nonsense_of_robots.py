@@ -95,25 +95,25 @@ REFUSED = [
     (
         "peg_in_hole",
         "station.environment.parts={seat: !PegInBore {peg: plunger, bore: tube}, tube: {arm: left}}",
-        "station.environment.parts.seat.bore = 'tube': must be a part that another arm holds than peg = 'plunger': both",
+        "station.environment.parts.seat.bore = 'tube': must be a part that another arm holds than peg = 'plunger'",
     ),
     (
         "fig_5_3",
         "station.environment.size=[2, 2, 2]",
         "station.environment of size [2.0, 2.0, 2.0] at [0.4, 0.34, 0.1325] has robot_base of the robot inside, which",
     ),
-    ("fig_2_8", f"station.faults=[{JOINT_9}]", "station.faults.0.joint: unknown joint 'joint_9': did you mean 'joint_6"),
+    ("fig_2_8", f"station.faults=[{JOINT_9}]", "station.faults.0.joint: unknown joint 'joint_9': did you mean"),
     ("peg_in_hole", f"station.faults=[{JOINT_9}]", "station.faults.0.joint: unknown joint 'joint_9': did you mean"),
     # names that analyses look for
-    ("peg_in_hole", "analyses.insertion.peg=plungr", "analyses.insertion.peg: unknown part 'plungr': did you mean 'plun"),
+    ("peg_in_hole", "analyses.insertion.peg=plungr", "analyses.insertion.peg: unknown part 'plungr': did you mean"),
     ("peg_in_hole", "analyses.insertion.task=7", "analyses.insertion.task = 7: must be at most 2, the number of tasks"),
-    ("peg_in_hole", "analyses.insertion.coordinate=12", "analyses.insertion.coordinate = 12: must be at most 11, the num"),
+    ("peg_in_hole", "analyses.insertion.coordinate=12", "analyses.insertion.coordinate = 12: must be at most 11, the"),
     (
         "peg_in_hole",
         "analyses.insertion.on_contact=[align, alig]",
         "analyses.insertion.on_contact.1: unknown mode 'alig': did you mean 'align'? known: settle, approach",
     ),
-    ("cap_rotation", "analyses.kept.mode=rotatin", "analyses.kept.mode: unknown mode 'rotatin': did you mean 'rotation'"),
+    ("cap_rotation", "analyses.kept.mode=rotatin", "analyses.kept.mode: unknown mode 'rotatin': did you mean"),
     ("cap_rotation", "analyses.kept.turn=99", "analyses.kept.turn = 99: must be at most"),
     ("pipette", "analyses.levels.cap=tub", "analyses.levels.cap: unknown part 'tub': did you mean 'tube'"),
 ]  # fmt: skip

@@ -24,9 +24,9 @@ from pydrake.systems.framework import BasicVector, Context
 from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key, slot
-from forcectl.framework.series_file import read_series
+from forcectl.framework.series_file import check_meets, read_series
 from forcectl.plant.contact.surface_materials import MaterialsConfig
-from forcectl.plant.contact.surface_moves import SurfaceMoveConfig
+from forcectl.plant.contact.surface_moves import SurfaceMoveConfig, check_moves
 
 Array = NDArray[np.float64]
 GRID = 2e-5  # distance of the points of a profile [m]
@@ -269,7 +269,7 @@ class ProfileFileConfig(Config):
 
     def heights(self, s: Array) -> Array:
         """See `HeightPart`."""
-        return np.interp(s, *read_profile(self.path))
+        return np.interp(s, *read_profile(self.path, _end(s)))
 
 
 @dataclass(kw_only=True)
@@ -301,6 +301,7 @@ class SurfaceConfig(Config, in_batches=True):
         super().__post_init__()
         if self.turning and (self.moves or self.materials is not None):
             raise invalid("turning", True, f"false with {'moves' if self.moves else 'materials'}")
+        check_moves(self.moves)
         if self.heights:
             self._added(self._grid())
 
@@ -381,8 +382,8 @@ def _end(s: Array) -> float:
     return round(float(s[-1]), 9)
 
 
-def read_profile(path: str) -> tuple[Array, Array]:
-    """Positions and heights [m] of a profile file, each of shape (k,), k >= 2.
+def read_profile(path: str, length: float = math.inf) -> tuple[Array, Array]:
+    """Positions and heights [m] of a profile file, each of shape (k,), k >= 2, of a path so far to both sides [m].
 
     Raises:
         BadInputError: about `path`, see `forcectl.framework.series_file`; not in metres.
@@ -392,8 +393,7 @@ def read_profile(path: str) -> tuple[Array, Array]:
         if abs(z) > _HIGHEST:
             told = f"position = {x:g}, height = {z:g}"
             raise BadInputError(f" = {path!r}: {told}: must be in metres, at most {_HIGHEST:g} m", key="path")
-    if positions[-1] - positions[0] > 2 * _LONGEST:
-        raise BadInputError(
-            f" = {path!r}: positions span {positions[-1] - positions[0]:g}: must be in metres", key="path"
-        )
+    if (span := positions[-1] - positions[0]) > 2 * _LONGEST:
+        raise BadInputError(f" = {path!r}: positions span {span:g}: must be in metres", key="path")
+    check_meets(path, positions, length)
     return positions, heights

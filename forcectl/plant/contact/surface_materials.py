@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 # K_E [N/m] of the plates on which Table 4.2 was measured, calibrated: effective values, with what bears the plate.
 MATERIALS = {"springs": 5.9e3, "aluminium": 5.0e4, "wood": 1.55e5, "plastic": 2.1e5}
 _CLOSE = 1e-9  # [m] between two segments that count as joined
+_FARTHEST = 2.0  # [m] that a path goes to both sides
 _LARGEST_HEIGHT = 0.05  # [m]
 
 
@@ -107,6 +108,11 @@ class MaterialsConfig(Config):
         super().__post_init__()
         if not self.segments:
             raise invalid("segments", self.segments, "at least one segment")
+        for i, segment in enumerate(self.segments):
+            for name, away in (("start", segment.start), ("end", -segment.end)):
+                if away >= _FARTHEST:
+                    allowed = f"{'below ' if name == 'start' else 'above -'}{_FARTHEST:g} m: no path goes farther"
+                    raise invalid(f"segments.{i}.{name}", getattr(segment, name), allowed)
         check("blend", self.blend, "not negative")
         ordered = self._ordered()
         for before, after in pairwise(ordered):

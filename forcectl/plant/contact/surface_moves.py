@@ -7,13 +7,16 @@ h(s) is the height of the surface at rest, d_i, t_i and T_i are distance, start 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
 _FURTHEST = 0.05  # [m]
 _FASTEST = 10.0  # [m/s]
+_ROUNDING = 1e-9  # [s]
 
 
 @dataclass(kw_only=True)
@@ -37,3 +40,19 @@ class SurfaceMoveConfig(Config):
     def height(self, time: float) -> float:
         """What it adds to the height [m] at a time [s]."""
         return self.distance * min(max((time - self.start) / self.duration, 0.0), 1.0)
+
+
+def check_moves(moves: Sequence[SurfaceMoveConfig]) -> None:
+    """Refuse moves that overlap in time.
+
+    Args:
+        moves: in any order.
+
+    Raises:
+        BadInputError: about the start of the later one, at its key from `moves` on.
+    """
+    ordered = sorted(enumerate(moves), key=lambda each: each[1].start)
+    for (_, before), (i, move) in pairwise(ordered):
+        end = before.start + before.duration
+        if move.start < end - _ROUNDING:
+            raise invalid(f"moves.{i}.start", move.start, f"at least {end:g} s, when the move before it ends")
