@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from forcectl.analysis.force_targets import Allowed
-from forcectl.analysis.tables.metric_tables import METRICS, PAIR_METRICS, is_metric, metric_unit
+from forcectl.analysis.tables.metric_tables import METRICS, PAIR_METRICS, is_metric, is_never_negative, metric_unit
 from forcectl.analysis.tables.motion_tables import MOTION_METRICS
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.fields import Config, key
@@ -132,6 +132,10 @@ class Expectation(Config):
         if not self.target.strip() or not self.target.isprintable():
             raise invalid("target", self.target, "printable characters")
         low, high = (x if x is not None else side for x, side in ((self.minimum, -math.inf), (self.maximum, math.inf)))
+        if self.minus is None and self.ratio is None and is_never_negative(self.metric):
+            for name, limit in (("minimum", self.minimum), ("maximum", self.maximum)):
+                if limit is not None and limit < 0:
+                    raise invalid(name, limit, f"not negative, as {self.metric} is")
         if self.strict and low == high:
             raise invalid("minimum", low, f"below maximum = {high:g} where strict = true")
         if self.tolerance is not None and isinstance(self.published, float):

@@ -185,6 +185,8 @@ REFUSED = [
     ("station: {drive: {servo: {ideal: true, coulomb_friction: 3}}}", "coulomb_friction = 3.0: must be left out with"),
     ("station: {drive: {servo: {ideal: true, position_gain: 3}}}", "servo.position_gain = 3.0: must be left out"),
     # expectations
+    ("expect: [{target: t, metric: peak_force_N, maximum: -5}]", "expect.0.maximum = -5.0: must be not negative, as p"),
+    ("expect: [{target: t, metric: peak_force_N, minimum: -5}]", "expect.0.minimum = -5.0: must be not negative, as p"),
     (f"expect: [{LINE}target: x}}]", "not valid YAML: key 'target' is written twice"),
     ("expect: [{target: '', metric: peak_force_N, maximum: 20}]", "expect.0.target = '': must be printable characters"),
     (f"expect: [{LINE}}}, {LINE}}}]", "expect.1.target = 't': must be another one than those before it"),

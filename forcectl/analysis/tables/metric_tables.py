@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from forcectl.analysis.tables import motion_tables as of_motion_loops
-from forcectl.analysis.tables.metric import Metric
+from forcectl.analysis.tables.metric import NEVER_NEGATIVE, Metric
 from forcectl.analysis.tracking_metrics import TRACKING_METRICS
 
 # Those that measured and true force have both.
@@ -152,3 +152,9 @@ def metric_unit(name: str) -> str:
     """Unit of a metric; "" of one of the user's."""
     metric = (METRICS | of_motion_loops.MOTION_METRICS).get(name.rpartition(".")[2])
     return metric.unit if metric else ""
+
+
+def is_never_negative(name: str) -> bool:
+    """Whether a metric is known to be zero or above; of one of the user's nothing is known."""
+    metric = (METRICS | of_motion_loops.MOTION_METRICS).get(name.rpartition(".")[2])
+    return metric is not None and metric.sign == NEVER_NEGATIVE
