@@ -195,7 +195,7 @@ def _check_open(key: str, condition: Expression, first: Mapping[str, tuple[float
         shown = "" if part == condition.text.strip() else f": {part!r}"
         way = "true: must be able to be false; time > 0 goes on at once" if holds else "false: must be able to hold"
         raise BadInputError(f" = {condition.text!r}{shown} is always {way}", key=key)
-    if condition.always_holds(ranges | first):
+    if condition.always_holds({**ranges, **first}):
         raise BadInputError(f" = {condition.text!r} is true from the first tick on: must be false there", key=key)
 
 
