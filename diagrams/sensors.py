@@ -13,17 +13,11 @@ from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_inputs, export_outputs, made_by, output_names
 from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named, frame_called
-from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig
+from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig, check_acts
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor, random_cross_talk
 from forcectl.plant.tip_kinematics import ForceToWrench
-
-
-def check_tick(key: str, duration: float, period: float) -> None:
-    """Refuse a duration that is shorter than a control tick, both in [s]."""
-    if duration < period:
-        raise invalid(key, duration, f"at least a control tick, {period:g} s")
 
 
 @dataclass(kw_only=True)
@@ -46,13 +40,13 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
         """Add the block `force_sensor`.
 
         Raises:
-            BadInputError: cross-talk of a station without dynamics, whose sensor feels one force only; a fault that is
-                shorter than a tick.
+            BadInputError: cross-talk of a station without dynamics, whose sensor feels one force only; a fault that
+                acts at no tick.
         """
         if self.cross_talk and not site.workcell.has_dynamics:
             raise invalid("cross_talk", self.cross_talk, "0, or have a fidelity with dynamics, such as Multibody")
         for i, fault in enumerate(self.faults):
-            check_tick(f"faults.{i}.duration", fault.duration, site.period)
+            check_acts(f"faults.{i}.duration", fault.start, fault.duration, site.period)
         made: Diagram = WristForce(self, site) if site.workcell.has_dynamics else NormalForce(self, site)
         if self.faults:
             made = FaultySensor(made, self.faults, site)

@@ -20,6 +20,7 @@ from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.pairs.pair_contact import PairContactPart
 from forcectl.plant.contact.part import PartConfig
 from forcectl.plant.contact.surface import SurfaceConfig
+from forcectl.plant.sensors.force_fault import check_acts
 from forcectl.plant.sensors.joint_sensors import ReadingFault
 from forcectl.robot.model import RobotModel, unit_normal
 
@@ -225,9 +226,7 @@ def describe(config: StationConfig) -> Workcell:
     for i, fault in enumerate(config.faults):
         if hasattr(fault, "fault"):
             made = made_by(fault, "fault", f"faults.{i}", ReadingFault, "a ReadingFault", robot.parameters.arm_joints)
-            if made.end - made.start < period * (1 - 1e-9):
-                lasting = made.end - made.start
-                raise invalid(f"faults.{i}.duration", lasting, f"at least a control tick, {period:g} s")
+            check_acts(f"faults.{i}.duration", made.start, made.end - made.start, period)
     environment = config.environment_parts()
     parts = {name: part for name, part in environment.items() if hasattr(part, "placement")}
     obstacles = {name: part for name, part in environment.items() if hasattr(part, "pose")}

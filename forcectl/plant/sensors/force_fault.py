@@ -17,6 +17,7 @@ from forcectl.plant.sensors.force_sensor import white_noise
 Array = NDArray[np.float64]
 KINDS = ("nan", "inf", "value", "frozen", "lost", "jitter", "scale", "noise")
 _ROUNDING = 1e-9  # [s] of the times of ticks
+_SHORTEST = 0.1  # of a tick, that one reading may be wrong for
 _LONGEST = 0.1  # [s] delay of a reading
 _WITHOUT_VALUE = ("nan", "inf", "frozen", "lost")
 
@@ -82,6 +83,22 @@ class ForceFaultConfig(Config):
         if self.kind == "noise":
             return reading + self.value * white_noise(sources, tick)
         return reading
+
+
+def check_acts(key: str, start: float, duration: float, period: float) -> None:
+    """Refuse a fault that acts at no tick, or is so much shorter than one that it is a slip.
+
+    Args:
+        key: of its duration, for the message.
+        start, duration: of the fault [s].
+        period: of the ticks [s].
+
+    Raises:
+        BadInputError: about the duration.
+    """
+    first = math.ceil((start - _ROUNDING) / period) * period  # tick from the start on
+    if duration < _SHORTEST * period or first + _ROUNDING >= start + duration:
+        raise invalid(key, duration, f"at least a control tick, {period:g} s")
 
 
 class FaultyForce(SampledBlock):

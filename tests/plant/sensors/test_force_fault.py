@@ -9,7 +9,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from forcectl.errors import BadInputError
-from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig
+from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig, check_acts
 from forcectl.testing.runs import fix_inputs
 
 TICKS = 6
@@ -67,3 +67,14 @@ def test_jitter_reports_readings_of_the_last_ticks():
 def test_a_delay_of_seconds_is_refused():
     with pytest.raises(BadInputError, match=r"value = 3\.0: must be from 0 to 0\.1 s for jitter"):
         ForceFaultConfig(kind="jitter", value=3.0)
+
+
+@pytest.mark.parametrize(("start", "duration"), [(0.0, 1e-6), (0.0, 1e-4), (0.0011, 5e-4)])
+def test_a_fault_that_acts_at_no_tick_is_refused(start, duration):
+    with pytest.raises(BadInputError, match=r"^faults\.0\.duration = .*: must be at least a control tick, 0\.002 s$"):
+        check_acts("faults.0.duration", start, duration, 0.002)
+
+
+@pytest.mark.parametrize(("start", "duration"), [(0.002, 1e-3), (0.0011, 1e-3), (0.3, math.inf), (0.1, 0.002)])
+def test_a_fault_of_one_reading_is_one(start, duration):
+    check_acts("duration", start, duration, 0.002)
