@@ -114,6 +114,18 @@ GUARDS = {
     "reached > 5": ".*reached is 0 or 1: must be able to hold",
     "time < 0": ".*must be true before the timeout, 1 s",
     "touch.force_z > 1 and time >= 5": ".*must be true before the timeout, 1 s",
+    "time > -1": ".*time > -1' is always true: must be able to be false; time > 0 goes on at once",
+    "time >= 0": ".*is always true",
+    "abs(touch.force_z) > -1": ".*is always true",
+    "elapsed > 0": ".*is always true",
+    "visits > 0.5": ".*is always true",
+    "time > 0.5 and abs(touch.force_z) > -1": ".*: 'abs\\(touch.force_z\\) > -1' is always true",
+    "not (max(visits, time) > 0)": ".*: 'max\\(visits, time\\) > 0' is always true",
+    "touch.force_z > 1 or gripper_holds.left < -0.5": ".*: 'gripper_holds.left < -0.5' is always false: must be able",
+    "holding > 2": ".*holding is 0 or 1: must be able to hold",
+    "reached <= 1": ".*is always true",
+    "time < 0.5": ".*is true from the first tick on: must be false there",
+    "time > 0.5 or time < 2": ".*is true from the first tick on: must be false there",
 }
 
 
@@ -122,6 +134,39 @@ def test_a_bad_guard_is_refused_with_the_key(guard):
     with pytest.raises(BadInputError, match=r"^modes\.stopping\.exits\.0\.when:? ?" + GUARDS[guard]) as error:
         StateMachine(stopping(when=guard)(peg()), start="approach", signals=PEG_SIGNALS, arms=("left", "right"))
     assert "\n" not in str(error.value)
+
+
+GOOD_GUARDS = [
+    "time > 0",
+    "visits > 1",
+    "visits < 2",
+    "elapsed < 12",
+    "time > 0.2 + 0.1 * visits",
+    "time < 0.5 and abs(touch.force_z) < 1",
+    "not (touch.force_z > 0)",
+    "2 / touch.force_z > 1 or touch.force_z ** 2 > -1 - touch.force_x",
+]
+
+
+@pytest.mark.parametrize("guard", GOOD_GUARDS)
+def test_a_guard_that_depends_on_something_is_not_refused(guard):
+    StateMachine(stopping(when=guard)(peg()), start="approach", signals=PEG_SIGNALS, arms=("left", "right"))
+
+
+@pytest.mark.parametrize("guard", ["elapsed < 12", "time < 0.5", "visits < 2"])
+def test_what_is_watched_in_every_mode_is_false_at_the_start(guard):
+    with pytest.raises(
+        BadInputError, match=r"^always\.0\.when = .* is true from the first tick on: must be false there"
+    ):
+        check_modes(peg(), "approach", always=[exit_to("stuck", guard)])
+    check_modes(peg(), "approach", always=[exit_to("stuck", f"{guard} and touch.force_z > 3")])
+
+
+def test_what_is_watched_in_every_mode_holds_within_one():
+    message = r"^always\.0\.hold = 5\.0: must be below the longest timeout of a mode, 5 s"
+    with pytest.raises(BadInputError, match=message):
+        check_modes(peg(), "approach", always=[exit_to("stuck", "touch.force_z > 3", 5.0)])
+    check_modes(peg(), "approach", always=[exit_to("stuck", "touch.force_z > 3", 4.0)])
 
 
 @pytest.mark.parametrize(
