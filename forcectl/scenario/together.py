@@ -18,6 +18,7 @@ from forcectl.scenario.catalog import tags_of
 
 if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
+    from forcectl.diagrams.workcell import Contact
     from forcectl.scenario.scenario import Scenario
 
 LONGEST_DURATION = 86_400.0  # [s]
@@ -28,6 +29,7 @@ _TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in wh
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
 _LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
 _FAR = 10.0  # times the torque of a motor
+_DEEPEST = 0.1  # [m] command into the surface
 _PARALLEL = 1e-3  # sine of the angle
 
 
@@ -95,6 +97,7 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
                 apart = f"at least a control tick of {loop.workcell.period:g} s after {one:g}"
                 raise invalid(f"reference.times.{i}", other, apart)
         _check_forces(scenario, loop.workcell.period)
+        _check_way(scenario, loop.workcell.contacts)
     check_distinct("log", scenario.log)
     for i, name in enumerate(scenario.log):
         if name in loop.signals:
@@ -199,6 +202,42 @@ def _check_reach(scenario: Scenario) -> None:
     for field in fields(controller) if isinstance(controller, Config) else ():  # type: ignore[arg-type]
         if field.name == "lower_limit" and key_of(field).unit == "m" and -controller.lower_limit <= gap:
             raise invalid("controller.lower_limit", controller.lower_limit, f"below -{gap:g} m, where the surface is")
+
+
+def _check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
+    """The largest desired force has its way into the softest material within the limit of the command.
+
+    A limit that is nearer than `_DEEPEST` is one on purpose. Of several laws the deepest limit counts.
+    """
+    limits = [
+        -getattr(law, field.name)
+        for _, law in _configs(scenario.controller, "controller")
+        for field in fields(law)  # type: ignore[arg-type]
+        if field.name == "lower_limit" and key_of(field).unit == "m"
+    ]
+    largest = scenario.reference.largest_force()
+    if not limits or largest <= 0:
+        return
+    limit = max(_DEEPEST, *limits)
+    guarded = hasattr(scenario.controller, "touch_speed")  # its law begins at the surface
+    for contact in contacts:
+        environment = contact.environment
+        if not hasattr(environment, "first_stiffness"):
+            continue
+        named = environment.stiffnesses() if hasattr(environment, "stiffnesses") else {}
+        key, softest = min(named.items(), key=lambda each: each[1], default=("stiffness", environment.first_stiffness))
+        room = limit - (0.0 if guarded else contact.gap) - largest * contact.robot_compliance
+        if room <= 0:
+            way = f"{largest * contact.robot_compliance:.3g} m at the largest desired force, {largest:g} N"
+            raise BadInputError(f" gives way by {way}: must be within {limit:g} m of the command", key="station.robot")
+        if largest > softest * room:
+            allowed = f"at least {largest / room:.4g} N/m: {largest:g} N are farther in than a command of {limit:g} m"
+            raise invalid(join(_where(scenario, environment), key), softest, allowed)
+
+
+def _where(scenario: Scenario, part: Any) -> str:
+    """Dotted key of a part of the station."""
+    return next((key for key, each in _configs(scenario.station, "station") if each is part), "station.environment")
 
 
 def _check_effects(scenario: Scenario) -> None:

@@ -287,6 +287,14 @@ REFUSED = [
     ("controller: !RecursiveVrft {hand_over_time: 0.1}", "build", "controller.hand_over_time = 0.1: must be above 0.5"),
     ("controller: !RecursiveVrft {convergence_window: 99}", "build", "controller.convergence_window = 99.0: must be b"),
     ("controller: !RecursiveVrft {drive: {bandwidth: 50}}", "controller.input = 'command': must be motor with a drive"),
+    # ways into the surface
+    ("station: {environment: {stiffness: 5.9}}", "build", "environment.stiffness = 5.9: must be at least 150.7 N/m"),
+    (
+        "station: {environment: {surface: {materials: {segments: [{material: a, stiffness: 9, start: 0, end: 1}]}}}}",
+        "build",
+        "surface.materials.segments.0.stiffness = 9.0: must be at least 150.7 N/m: 15 N are farther in than a command",
+    ),
+    ("station: {environment: {stiffness: 3e3, surface: {gap: 0.05}}}\nreference: {force: 300}", "build", " 7426 N/m: "),
 ]  # fmt: skip
 
 

@@ -328,7 +328,8 @@ class EnvironmentConfig(Config, in_batches=True):
         materials = self.surface.materials
         if materials is None:
             return {"stiffness": self.stiffness}
-        return {f"surface.materials.segments.{i}": s.environment_stiffness for i, s in enumerate(materials.segments)}
+        segments = enumerate(materials.segments)
+        return {f"surface.materials.segments.{i}.stiffness": each.environment_stiffness for i, each in segments}
 
     def sampled_response(self, stiffness: float, robot_compliance: float, period: float) -> StateSpace:
         """From [dx, dx'] to the force of the contact while it lasts, for another K_E [N/m]; see `contact_response`."""
