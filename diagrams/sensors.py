@@ -204,11 +204,13 @@ class JointReadingsConfig(Config):
         1e-6,
         "step of the positions; assumed: 16 bits per turn of a motor with a gear of 100",
         unit="rad",
-        bounds="from 0 to 0.1",
+        bounds="from 0 to 0.01",
     )
-    position_noise: float = key(0.0, "standard deviation of the positions per tick", unit="rad", bounds="from 0 to 0.1")
+    position_noise: float = key(
+        0.0, "standard deviation of the positions per tick", unit="rad", bounds="from 0 to 0.01"
+    )
     torque_noise: float = key(
-        0.1, "standard deviation of the torques per tick; assumed", unit="Nm", bounds="not negative"
+        0.1, "standard deviation of the torques per tick; assumed", unit="Nm", bounds="from 0 to 100"
     )
     velocity_bandwidth: float = key(
         250.0, "of the filter of differences of positions", unit="rad/s", bounds="from 0.1 to 1e+06"

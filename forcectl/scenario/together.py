@@ -116,6 +116,12 @@ def _check_forces(scenario: Scenario, period: float) -> None:
             scenario.reference.check_effect()
         except BadInputError as error:
             raise error.at(join("reference", error.key)) from None
+    for name, sensor in scenario.station.sensors.items():
+        errors = ("noise_std", "quantum") if getattr(sensor, "tare", False) else ("noise_std", "quantum", "bias")
+        for key in errors if hasattr(sensor, "range") else ():
+            if abs(value := getattr(sensor, key, 0.0)) > largest > 0:
+                allowed = f"at most the largest desired force, {largest:g} N"
+                raise invalid(f"station.sensors.{name}.{key}", value, allowed)
     learns = getattr(scenario.controller, "minimum_force", 0.0)
     if learns >= limit:
         raise invalid("controller.minimum_force", learns, f"below the sensor's range, {limit:g} N")

@@ -158,7 +158,7 @@ REFUSED = [
     ("station: {environment: {stiffness: 1e10}}", "environment.stiffness = 10000000000.0: must be positive, from 1 to"),
     ("station: {stiffness_scale: 1e-6}", "station.stiffness_scale = 1e-06: must be from 0.001 to 1000"),
     ("station: {stiffness_scale: 1e6}", "station.stiffness_scale = 1000000.0: must be from 0.001 to 1000"),
-    ("station: {drive: {servo: {coulomb_friction: 1e6}}}", "coulomb_friction = 1000000.0: must be from 0 to 1000"),
+    ("station: {drive: {servo: {coulomb_friction: 1e6}}}", "coulomb_friction = 1000000.0: must be from 0 to 100"),
     ("model: {payload: 1e6}", "model.payload = 1000000.0: must be not negative, at most 2000 kg"),
     ("model: {environment_compliance: 1e-9}", "model.environment_compliance = 1e-09: must be from 0.001 to 1000"),
     ("controller: {compliance_error: 1e-15}", "controller.compliance_error = 1e-15: must be from 0.001 to 1000"),
@@ -295,6 +295,15 @@ REFUSED = [
         "surface.materials.segments.0.stiffness = 9.0: must be at least 150.7 N/m: 15 N are farther in than a command",
     ),
     ("station: {environment: {stiffness: 3e3, surface: {gap: 0.05}}}\nreference: {force: 300}", "build", " 7426 N/m: "),
+    # sensors that show nothing of the wanted force
+    ("station: {sensors: {force: {range: .inf, quantum: 1e5}}}", "force.quantum = 100000.0: must be at most 0.1 of 10"),
+    ("station: {sensors: {force: {range: .inf, noise_std: 1e5}}}", "force.noise_std = 100000.0: must be at most 0.1 o"),
+    ("station: {sensors: {force: {range: .inf, bias: 1e5}}}", "force.bias = 100000.0: must be at most 0.5 of 10000 N"),
+    ("station: {sensors: {force: {quantum: 40}}}", "build", "quantum = 40.0: must be at most the largest desired forc"),
+    ("station: {sensors: {force: {noise_std: 40}}}", "build", "noise_std = 40.0: must be at most the largest desired"),
+    ("station: {sensors: {force: {bias: 40, tare: false}}}", "build", "bias = 40.0: must be at most the largest desir"),
+    ("station: {sensors: {j: !JointReadings {quantum: 0.1}}}", "sensors.j.quantum = 0.1: must be from 0 to 0.01"),
+    ("station: {sensors: {j: !JointReadings {torque_noise: 1e5}}}", "j.torque_noise = 100000.0: must be from 0 to 100"),
 ]  # fmt: skip
 
 

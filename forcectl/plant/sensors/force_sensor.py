@@ -10,7 +10,6 @@ exact for forces that are linear between ticks and, unlike a zero-order hold, ad
 from __future__ import annotations
 
 import builtins
-import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
@@ -34,6 +33,7 @@ from forcectl.plant.drives.position_loop import (
 
 Matrix = NDArray[np.float64]
 _CHUNK = 1024
+_LARGEST_RANGE = 1e4  # [N] that shares are taken of
 
 
 @lru_cache(maxsize=16)  # some sensors, each with two chunks where one follows the other
@@ -320,9 +320,10 @@ class ForceSensorConfig(Config, in_batches=True):
         super().__post_init__()
         shares = {"noise_std": (0.1, ""), "quantum": (0.1, ""), "bias": (0.5, ""), "drift": (0.1, " in 1 s")}
         for name, (share, per) in shares.items():
-            if math.isfinite(self.range) and abs(getattr(self, name)) > share * self.range:
-                allowed = f"at most {share:g} of range = {self.range:g} N{per}"
-                raise invalid(name, getattr(self, name), allowed)
+            reach = min(self.range, _LARGEST_RANGE)
+            if abs(getattr(self, name)) > share * reach:
+                limited = f"range = {self.range:g} N" if reach == self.range else f"{reach:g} N"
+                raise invalid(name, getattr(self, name), f"at most {share:g} of {limited}{per}")
 
     def force_lag(self) -> tuple[float, float, float]:
         """Lag of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]."""
