@@ -30,7 +30,7 @@ class ModelConfig(Config, in_batches=True):
     robot_compliance: float = key(1.0, "C_R of the model / C_R", bounds="from 0.001 to 1000", each=True)
     environment_compliance: float = key(1.0, "C_E of the model / C_E", bounds="from 0.001 to 1000", each=True)
     friction: str = key("", "file of identified joint friction, see `FrictionIdentification`; empty: the plant's")
-    friction_scale: float = key(1.0, "factor on that friction", bounds="from 0 to 1000")
+    friction_scale: float = key(1.0, "factor on that friction", bounds="from 0 to 20")
     inertia_scale: float = key(
         1.0, "masses and inertias of the model / those of the robot", bounds="from 0.001 to 1000"
     )

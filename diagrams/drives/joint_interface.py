@@ -65,7 +65,7 @@ class JointServoConfig(Config):
 class JointFrictionConfig(Config):
     """Scenario part `friction`: (5.2) with the numbers of the control parameters."""
 
-    scale: float = key(1.0, "factor on all its numbers", bounds="not negative")
+    scale: float = key(1.0, "factor on all its numbers", bounds="from 0 to 20")
     sticks: bool = key(True, "false: sat(130 q') for the sign of q', which creeps at rest as (5.2) does")
 
 

@@ -129,7 +129,7 @@ class ForceEstimatorConfig(Config):
     """
 
     gain: float = key(25.0, "gain K_R of the momentum observer", unit="1/s", bounds="positive")
-    friction_scale: float = key(1.0, "believed friction / true friction", bounds="not negative")
+    friction_scale: float = key(1.0, "believed friction / true friction", bounds="from 0 to 20")
     threshold_move: float = key(0.0, "tau_move / tau_C of moving joints", bounds="not negative")
     threshold_still: float = key(0.0, "tau_still / tau_C of joints at rest", bounds="not negative")
     limit_share: float = key(1.0, "share of the torque limits at which the residual stops", bounds="positive")

@@ -304,6 +304,15 @@ REFUSED = [
     ("station: {sensors: {force: {bias: 40, tare: false}}}", "build", "bias = 40.0: must be at most the largest desir"),
     ("station: {sensors: {j: !JointReadings {quantum: 0.1}}}", "sensors.j.quantum = 0.1: must be from 0 to 0.01"),
     ("station: {sensors: {j: !JointReadings {torque_noise: 1e5}}}", "j.torque_noise = 100000.0: must be from 0 to 100"),
+    # friction and damping that nothing overcomes
+    ("station: {drive: {servo: {friction_scale: 1e6}}}", "servo.friction_scale = 1000000.0: must be from 0 to 20"),
+    ("station: {drive: {servo: {coulomb_friction: 1000}}}", "servo.coulomb_friction = 1000.0: must be from 0 to 100"),
+    ("station: {drive: !JointInterface {friction: {scale: 1e6}}}", "friction.scale = 1000000.0: must be from 0 to 20"),
+    ("model: {friction_scale: 950}", "model.friction_scale = 950.0: must be from 0 to 20"),
+    ("station: {environment: {damping: 1e7}}", "environment.damping = 10000000.0: must be not negative, at most 10000"),
+    ("station: {environment: {dissipation: 1e6}}", "dissipation = 1000000.0: must be not negative, at most 1000"),
+    ("station: {environment: !Patch {damping: 1e7}}", "damping = 10000000.0: must be not negative, at most 10000"),
+    ("station: {environment: !Parts {parts: {b: !PegInBore {peg: p, bore: b, friction: 9}}}}", "friction = 9.0: must"),
 ]  # fmt: skip
 
 

@@ -277,9 +277,17 @@ class EnvironmentConfig(Config, in_batches=True):
     stiffness: float = key(
         5.9e3, "K_E where surface.materials does not say otherwise", unit="N/m", bounds="positive", each=True
     )
-    damping: float = key(0.0, "D_E where surface.materials does not say otherwise", unit="N s/m", bounds="not negative")
+    damping: float = key(
+        0.0,
+        "D_E where surface.materials does not say otherwise",
+        unit="N s/m",
+        bounds="not negative, at most 10000",
+    )
     dissipation: float = key(
-        0.0, "d_E of Hunt and Crossley, F = K_E z (1 + d_E z'), in place of damping", unit="s/m", bounds="not negative"
+        0.0,
+        "d_E of Hunt and Crossley, F = K_E z (1 + d_E z'), in place of damping",
+        unit="s/m",
+        bounds="not negative, at most 1000",
     )
     friction: float = key(
         0.0, "Coulomb's, against the tool (Multibody only)", unit="1", bounds="not negative and at most 2"

@@ -27,10 +27,10 @@ class GraspConfig(Config):
     """Springs of a grasp along and about the axes of the TCP; about x, then the y so turned, then the z."""
 
     stiffness: list[float] = key([1000.0, 1000.0, 2000.0], "along", unit="N/m", bounds="positive", size=3)
-    damping: list[float] = key([30.0, 30.0, 60.0], "along", unit="Ns/m", bounds="not negative", size=3)
+    damping: list[float] = key([30.0, 30.0, 60.0], "along", unit="Ns/m", bounds="from 0 to 100000", size=3)
     force_limit: list[float] = key([20.0, 20.0, 20.0], "along, of what is held", unit="N", bounds="positive", size=3)
     rotational_stiffness: list[float] = key([3.0, 3.0, 3.0], "about", unit="Nm/rad", bounds="positive", size=3)
-    rotational_damping: list[float] = key([0.1, 0.1, 0.1], "about", unit="Nms/rad", bounds="not negative", size=3)
+    rotational_damping: list[float] = key([0.1, 0.1, 0.1], "about", unit="Nms/rad", bounds="from 0 to 1000", size=3)
     torque_limit: list[float] = key([1.0, 1.0, 1.0], "about, of what is held", unit="Nm", bounds="positive", size=3)
     released_at: float | None = key(
         None, "when the gripper opens, for good; null: never by itself", unit="s", bounds="not negative"

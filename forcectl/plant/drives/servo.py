@@ -231,10 +231,10 @@ class ServoConfig(Config, in_batches=True):
     velocity_gain: float = key(200.0, "of the velocity loop", unit="1/s", bounds="from 0.01 to 100000", each=True)
     integral_gain: float = key(15.0, "of the velocity loop", unit="1/s", bounds="from 0 to 10000", each=True)
     coulomb_friction: float = key(
-        1.6, "along the pressed direction (OneDimensional, Kinematic)", unit="m/s^2", bounds="from 0 to 1000", each=True
+        1.6, "along the pressed direction (OneDimensional, Kinematic)", unit="m/s^2", bounds="from 0 to 100", each=True
     )
     friction_scale: float = key(
-        1.0, "factor on the joint friction of the control parameters (Multibody)", unit="1", bounds="not negative"
+        1.0, "factor on the joint friction of the control parameters (Multibody)", unit="1", bounds="from 0 to 20"
     )
     tuned_for: str = key(
         "axes",
