@@ -108,7 +108,9 @@ class Adaptation(Config):
         0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="from 0.001 to 1000", each=True
     )
     forgetting: float = key(0.995, "forgetting factor mu", bounds="from 0.1 to 1", each=True)
-    initial_covariance: float = key(1e-6, "initial covariance P_0", unit="1/N^2", bounds="positive", each=True)
+    initial_covariance: float = key(
+        1e-6, "initial covariance P_0", unit="1/N^2", bounds="above 0 and at most 1000000", each=True
+    )
     minimum_force: float = key(0.2, "force below which nothing is learnt", unit="N", bounds="not negative", each=True)
 
     def estimator(self, model: PlantModel) -> EnvironmentComplianceEstimator:

@@ -294,16 +294,18 @@ class ApproachConfig(AroundLawConfig, Config):
     )
     touch_speed: float = key(0.003, "of the second touch", unit="m/s", bounds="above 0 and at most 1")
     step_back: float = key(
-        0.1, "t_b: what `speed` makes in it is gone back after a touch", unit="s", bounds="not negative"
+        0.1, "t_b: what `speed` makes in it is gone back after a touch", unit="s", bounds="from 0 to 1"
     )
     patience: float = key(
         0.5,
         "until a force that stays is a contact, and one that stays away a loss",
         unit="s",
-        bounds="positive",
+        bounds="at least 0.005",
     )
     timeout: float = key(10.0, "without a contact it gives up", unit="s", bounds="positive")
-    clearance: float = key(0.01, "how far it leaves when the desired force is zero", unit="m", bounds="positive")
+    clearance: float = key(
+        0.01, "how far it leaves when the desired force is zero", unit="m", bounds="above 0 and at most 1"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -112,10 +112,10 @@ class TrapezoidalMovesConfig(_Excitation, Config):
     depths: list[float] = key(
         [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 3e-3, 2e-3, 1e-3, 0.0], "into the surface, first where it begins", unit="m"
     )
-    speed: float = key(0.005, "of the moves", unit="m/s", bounds="positive")
-    acceleration: float = key(0.05, "of the moves", unit="m/s^2", bounds="positive")
-    rest: float = key(2.0, "rest after each move", unit="s", bounds="not negative")
-    start_rest: float = key(0.5, "rest before the first move", unit="s", bounds="not negative")
+    speed: float = key(0.005, "of the moves", unit="m/s", bounds="above 0 and at most 1")
+    acceleration: float = key(0.05, "of the moves", unit="m/s^2", bounds="above 0 and at most 100")
+    rest: float = key(2.0, "rest after each move", unit="s", bounds="from 0 to 600")
+    start_rest: float = key(0.5, "rest before the first move", unit="s", bounds="from 0 to 600")
     scale: float | None = key(None, "factor on the moves; null: 5900 N/m / K_E, same forces", bounds="positive")
 
     def __post_init__(self) -> None:

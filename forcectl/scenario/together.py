@@ -26,6 +26,7 @@ _STARTS = ("start", "start_time", "tare_start", "times", "released_at")  # keys 
 _LASTS = {"controller": ("hold",), "station": ("delay", "posture_period")}  # keys of what takes a while to begin [s]
 _OUTLASTS = 20  # times the run, that a file of a reference may last
 _TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
+_RATES = ("integral_gain", "observer_bandwidth", "adaptation_rate")  # of a law, with which its command changes
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
 _LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
 _FAR = 10.0  # times the torque of a motor
@@ -148,6 +149,14 @@ def _check_forces(scenario: Scenario, period: float) -> None:
             raise invalid(
                 f"controller.{name}", least, f"below guard.maximum_force = {maximum:g} N: no force gets there"
             )
+    for key, part in _configs(scenario.controller, "controller"):
+        for field in fields(part):  # type: ignore[arg-type]
+            value = getattr(part, field.name)
+            if field.name == "minimum_force" and value >= largest > 0 and value != default_of(field):
+                raise invalid(f"{key}.minimum_force", value, f"below the largest desired force, {largest:g} N")
+            if field.name == "upper_limit" and key_of(field).unit == "N" and value < largest:
+                allowed = f"at least the largest desired force, {largest:g} N: upper_force is what keeps below it"
+                raise invalid(f"{key}.upper_limit", value, allowed)
     stated = scenario.findings.largest_force
     if stated is not None and stated < largest:
         raise invalid("findings.largest_force", stated, f"at least the largest desired force, {largest:g} N")
@@ -187,7 +196,7 @@ def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
 def _check_rate(key: str, law: Any, period: float) -> None:
     """In a tick a law goes less than twice as far as it is away: its loop would not settle."""
     for field in fields(law) if isinstance(law, Config) else ():  # type: ignore[arg-type]
-        fast = field.name in ("integral_gain", "observer_bandwidth") and key_of(field).unit in ("1/s", "rad/s")
+        fast = field.name in _RATES and key_of(field).unit in ("1/s", "rad/s")
         if fast and (value := getattr(law, field.name)) * period >= 2:
             allowed = f"below {2 / period:g} {key_of(field).unit}, two over the control tick of {period:g} s"
             raise invalid(f"{key}.{field.name}", value, allowed)

@@ -272,7 +272,7 @@ REFUSED = [
     ("controller: !PredictiveInvariance {offset_limit: 100}", "controller.offset_limit = 100.0: must be from 0 to 1"),
     ("controller: !PredictiveInvariance {filter_delay: 1}", "controller.filter_delay = 1.0: must be from 0 to 0.1"),
     ("controller: !PredictiveInvariance {filter_bandwidth: 1e6}", "filter_bandwidth = 1000000.0: must be from 0.1 to"),
-    ("controller: !DisturbanceObserver {model_lag: 1e6}", "controller.model_lag = 1000000.0: must be from 0 to 10"),
+    ("controller: !DisturbanceObserver {model_lag: 1e6}", "controller.model_lag = 1000000.0: must be from 0 to 1"),
     ("controller: !Hybrid {directions: {z: {desired: -99}}}", "directions.z.desired = -99.0: must be not negative"),
     ("controller: !Hybrid {directions: {z: {}}, smallest_singular_value: 1e6}", "smallest_singular_value = 1000000.0:"),
     (
@@ -313,6 +313,24 @@ REFUSED = [
     ("station: {environment: {dissipation: 1e6}}", "dissipation = 1000000.0: must be not negative, at most 1000"),
     ("station: {environment: !Patch {damping: 1e7}}", "damping = 10000000.0: must be not negative, at most 10000"),
     ("station: {environment: !Parts {parts: {b: !PegInBore {peg: p, bore: b, friction: 9}}}}", "friction = 9.0: must"),
+    # laws that do nothing, or too much
+    ("controller: !Governed {upper_limit: 5}", "build", "controller.upper_limit = 5.0: must be at least the largest d"),
+    ("controller: !AdaptiveIntegral {minimum_force: 300}", "build", "minimum_force = 300.0: must be below the largest"),
+    ("controller: !AdaptiveIntegral {initial_covariance: 1e15}", "initial_covariance = 1000000000000000.0: must be ab"),
+    ("controller: !Passive {energy: 1e15}", "controller.energy = 1000000000000000.0: must be from 0 to 1000"),
+    ("controller: !Passive {model_lag: 10}", "controller.model_lag = 10.0: must be from 0 to 1"),
+    ("controller: !AdaptiveAdmittance {adaptation_rate: 1e4}", "build", "adaptation_rate = 10000.0: must be below 100"),
+    ("controller: !Invariance {speed_limit: 1e-9}", "controller.speed_limit = 1e-09: must be at least 0.00001"),
+    ("controller: !FourthDegreeInvariance {speed_limit: 1e-9}", "controller.speed_limit = 1e-09: must be at least 0.0"),
+    ("controller: !Approach {clearance: 100}", "controller.clearance = 100.0: must be above 0 and at most 1"),
+    ("controller: !Approach {step_back: 1000}", "controller.step_back = 1000.0: must be from 0 to 1"),
+    ("controller: !Approach {patience: 1e-6}", "controller.patience = 1e-06: must be at least 0.005"),
+    ("controller: !RecursiveVrft {excitation: {speed: 900}}", "excitation.speed = 900.0: must be above 0 and at most"),
+    ("controller: !RecursiveVrft {excitation: {rest: 1e6}}", "excitation.rest = 1000000.0: must be from 0 to 600"),
+    ("controller: !RecursiveVrft {forgetting: 0.1}", "controller.forgetting = 0.1: must be from 0.9 to 1"),
+    ("controller: !Vrft {fir: [1000000]}", "controller.fir.0 = 1000000.0: must be from -1 to 1"),
+    ("controller: !Pid {proportional_gain: 1e5}", "controller.proportional_gain = 100000.0: must be from 0 to 100"),
+    ("controller: !Pid {derivative_gain: 1e5}", "controller.derivative_gain = 100000.0: must be from 0 to 10"),
 ]  # fmt: skip
 
 

@@ -116,7 +116,7 @@ class DisturbanceObserverConfig(Config, LawConfig, in_batches=True):
     observer_bandwidth: float = key(1.5, "g", unit="rad/s", bounds="positive", each=True)
     reference_bandwidth: float = key(1.5, "w of the desired force", unit="rad/s", bounds="positive", each=True)
     model_lag: float | None = key(
-        None, "T_m, command to measured force; null: the sensor's", unit="s", bounds="from 0 to 10", each=True
+        None, "T_m, command to measured force; null: the sensor's", unit="s", bounds="from 0 to 1", each=True
     )
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)

@@ -148,11 +148,11 @@ class PassiveConfig(AroundLawConfig, Config, in_batches=True):
 
     law: Any = slot("controller", IntegralConfig, meaning="force law that is observed")
     energy: float = key(
-        0.05, "E_0; the springs of 5.9e3 N/m hold it at 22 N", unit="J", bounds="not negative", each=True
+        0.05, "E_0; the springs of 5.9e3 N/m hold it at 22 N", unit="J", bounds="from 0 to 1000000", each=True
     )
 
     model_lag: float | None = key(
-        None, "T_m, motion to measured force; null: the sensor's", unit="s", bounds="from 0 to 10", each=True
+        None, "T_m, motion to measured force; null: the sensor's", unit="s", bounds="from 0 to 1", each=True
     )
 
     def __post_init__(self) -> None:

@@ -33,11 +33,11 @@ from forcectl.plant.plant_model import PlantModel
 class PidConfig(Config, in_batches=True):
     """Scenario part `!Pid`: explicit PI, with derivative gain PID control of the force, with feed-forward."""
 
-    proportional_gain: float = key(0.5, "gain K_P", unit="1", bounds="not negative", each=True)
+    proportional_gain: float = key(0.5, "gain K_P", unit="1", bounds="from 0 to 100", each=True)
     integral_gain: float = key(2.25, "gain K_I", unit="1/s", bounds="from 0 to 10000", each=True)
-    derivative_gain: float = key(0.0, "gain K_D", unit="s", bounds="not negative", each=True)
+    derivative_gain: float = key(0.0, "gain K_D", unit="s", bounds="from 0 to 10", each=True)
     derivative_filter: float = key(0.02, "T_D", unit="s", bounds="from 0 to 100", each=True)
-    feed_forward: float = key(0.0, "K_F; 1: all of the depth", unit="1", bounds="not negative", each=True)
+    feed_forward: float = key(0.0, "K_F; 1: all of the depth", unit="1", bounds="from 0 to 10", each=True)
     feed_forward_filter: float = key(0.0, "T_F", unit="s", bounds="not negative", each=True)
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)

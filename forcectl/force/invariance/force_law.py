@@ -240,7 +240,7 @@ class InvarianceLimits(Config, LawConfig):
         None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive", each=True
     )
     compliance_error: float = key(1.0, "C_T_hat / C_T of the constraint", bounds="from 0.001 to 1000", each=True)
-    speed_limit: float = key(inf, "largest speed of the command", unit="m/s", bounds="above zero", each=True)
+    speed_limit: float = key(inf, "largest speed of the command", unit="m/s", bounds="at least 0.00001", each=True)
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
 

@@ -289,7 +289,7 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
         np.inf,
         "largest speed of the command; with differences never above `speed_window`",
         unit="m/s",
-        bounds="above zero",
+        bounds="at least 0.00001",
         each=True,
     )
     rest_region: float = key(0.3, "force error within which the law rests", unit="N", bounds="not negative", each=True)

@@ -82,7 +82,7 @@ class AdaptiveVrft(PythonDiagram):
 class AdaptiveVrftConfig(VrftConfig, in_batches=True):
     """Scenario part `!AdaptiveVrft`: starts with the gains of `!Vrft`."""
 
-    forgetting: float = key(0.995, "forgetting factor per sample", bounds="from 0.1 to 1", each=True)
+    forgetting: float = key(0.995, "forgetting factor per sample", bounds="from 0.9 to 1", each=True)
     initial_covariance: float = key(
         1e-9, "P_0, also the largest: how far gains may move at first", bounds="positive", each=True
     )

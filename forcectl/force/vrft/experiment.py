@@ -158,8 +158,8 @@ class RecursiveVrftConfig(Config):
     drive: DriveFilter = key(DriveFilter, "of the joint references as it is known, for `input: motor`")
     reference_bandwidth: float = key(1.5, "w_c of the reference model", unit="rad/s", bounds="positive")
     prefilter: bool = key(True, "false: as in Sec. 4.5")
-    initial_covariance: float = key(100.0, "initial covariance P_0", bounds="positive")
-    forgetting: float = key(1.0, "forgetting factor per sample", bounds="from 0.1 to 1")
+    initial_covariance: float = key(100.0, "initial covariance P_0", bounds="above 0 and at most 1e12")
+    forgetting: float = key(1.0, "forgetting factor per sample", bounds="from 0.9 to 1")
     data_resolution: float = key(0.0, "the force is rounded to this for the tuning", unit="N", bounds="not negative")
     hand_over_time: float | None = key(None, "null: when the excitation is over", unit="s", bounds="not negative")
     convergence_window: float | None = key(
