@@ -49,14 +49,16 @@ COMMANDS = ("joint_position_command", "joint_velocity_command", "joint_torque_fe
 class JointServoConfig(Config):
     """Scenario part `servo`: the position loops of the joints, see `forcectl.plant.drives.joint_servo`."""
 
-    bandwidth: float | None = key(None, "w; null: that of the control parameters", unit="rad/s", bounds="positive")
+    bandwidth: float | None = key(
+        None, "w; null: that of the control parameters", unit="rad/s", bounds="from 0.1 to 10000"
+    )
     damping_ratio: float | None = key(None, "zeta; null: that of the control parameters", unit="1", bounds="positive")
     integral_gain: float = key(15.0, "gain w_i of the integral", unit="1/s", bounds="from 0 to 10000")
     rate: float = key(
         2000.0,
         "of the loops: as often as goes into a time step of the plant, at least once",
         unit="1/s",
-        bounds="positive",
+        bounds="from 1 to 100000",
     )
     torque_limits: bool = key(True, "false: motors without limit")
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Matrix = NDArray[np.float64]
 WIDE = 32  # batch elements from which on a matrix for each is as fast as one for all; measured
+_LONG = 256  # samples in delay lines from which on a matrix for all is slower; measured
 
 
 def state_space(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike, period: float) -> StateSpace:
@@ -148,17 +149,25 @@ def sampled_system(
     n, m, p = b.shape
     state = np.zeros(m * n) if state is None else np.asarray(state, dtype=float)
     line = np.zeros(p * n) if line is None else np.asarray(line, dtype=float)
-    if n >= WIDE:
+    if n >= WIDE or n * p * ticks >= _LONG:
         return LinearBatch(a, b, c, d, period, ticks, state=state, line=line)
     A, B = interleave(a), interleave(b)
     C, D = (np.eye(m * n), np.zeros((m * n, p * n))) if c is None or d is None else (interleave(c), interleave(d))
-    system = LinearSystem(A, B, C, D, period) if not ticks else _behind_delay(A, B, C, D, ticks, period)
+    system = behind_delay(A, B, C, D, ticks, period)
     system.configure_default_state(np.concatenate([state, np.tile(line, ticks)]))
     return system
 
 
-def _behind_delay(a: Matrix, b: Matrix, c: Matrix, d: Matrix, ticks: int, period: float) -> LinearSystem:
-    """A system behind a delay line; its states, then those of the line, the newest first."""
+def behind_delay(a: Matrix, b: Matrix, c: Matrix, d: Matrix, ticks: int, period: float) -> LinearSystem:
+    """A system behind a delay line; its states, then those of the line, the newest first.
+
+    Args:
+        a, b, c, d: of the system.
+        ticks: samples of delay.
+        period: [s].
+    """
+    if not ticks:
+        return LinearSystem(a, b, c, d, period)
     n, size = b.shape
     line = ticks * size
     A, B = np.zeros((n + line, n + line)), np.zeros((n + line, size))

@@ -21,7 +21,7 @@ from scipy.signal import lfilter
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import check
 from forcectl.framework.fields import Config, key
-from forcectl.plant.drives.position_loop import LONGEST_DELAY, second_order, zero_order_hold
+from forcectl.plant.drives.position_loop import LONGEST_COMMAND_DELAY, second_order, zero_order_hold
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class DriveFilter(Config):
 
     bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="positive")
     damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="from 0.01 to 10")
-    delay: float = key(0.002, "command delay", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}")
+    delay: float = key(0.002, "command delay", unit="s", bounds=f"not negative, at most {LONGEST_COMMAND_DELAY:g}")
 
     def response(self, values: ArrayLike, period: float) -> Array:
         """h of a signal (k,) that was zero before its first sample, sampled every `period` [s]."""

@@ -331,6 +331,13 @@ REFUSED = [
     ("controller: !Vrft {fir: [1000000]}", "controller.fir.0 = 1000000.0: must be from -1 to 1"),
     ("controller: !Pid {proportional_gain: 1e5}", "controller.proportional_gain = 100000.0: must be from 0 to 100"),
     ("controller: !Pid {derivative_gain: 1e5}", "controller.derivative_gain = 100000.0: must be from 0 to 10"),
+    # drives
+    ("station: {drive: {position_loop: {delay: 1}}}", "position_loop.delay = 1.0: must be not negative, at most 0.3"),
+    ("station: {drive: {position_loop: {bandwidth: 5e4}}}", "position_loop.bandwidth = 50000.0: must be from 0.1 to 1"),
+    ("station: {drive: {servo: {velocity_gain: 5e4}}}", "servo.velocity_gain = 50000.0: must be from 0.01 to 10000"),
+    ("station: {drive: !JointInterface {servo: {bandwidth: 1e6}}}", "servo.bandwidth = 1000000.0: must be from 0.1 to"),
+    ("station: {drive: !JointInterface {servo: {rate: 1e-6}}}", "servo.rate = 1e-06: must be from 1 to 100000"),
+    ("station: {drive: !JointImpedance {friction_bandwidth: 1e6}}", "friction_bandwidth = 1000000.0: must be from 0 t"),
 ]  # fmt: skip
 
 

@@ -179,7 +179,7 @@ class JointImpedanceConfig(Config):
     torque_gain: float = key(
         4.0, "of the torque loop in the drives: it divides their friction by one more than this", bounds="not negative"
     )
-    friction_bandwidth: float = key(100.0, "of the friction observer; 0: none", unit="rad/s", bounds="not negative")
+    friction_bandwidth: float = key(100.0, "of the friction observer; 0: none", unit="rad/s", bounds="from 0 to 10000")
 
     def joint_stiffness(self, motor_inertia: Vector) -> Vector:
         """K_q, shape (n,) [Nm/rad].

@@ -22,13 +22,14 @@ from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values, check, whole_multiple
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
-from forcectl.framework.linear_batch import interleave, sampled_system, state_space
+from forcectl.framework.linear_batch import behind_delay, interleave, sampled_system, state_space
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
 Matrix = NDArray[np.float64]
-LONGEST_DELAY = 1.0  # [s] a delay line keeps every sample
+LONGEST_DELAY = 1.0  # [s] of a sensor; a delay line keeps every sample
+LONGEST_COMMAND_DELAY = 0.3  # [s] of a drive
 
 
 def second_order(bandwidth: float, damping_ratio: float) -> tuple[Matrix, Matrix]:
@@ -131,17 +132,17 @@ class PositionLoop(PythonDiagram):
 class PositionLoopConfig(Config, in_batches=True):
     """Scenario part `position_loop`."""
 
-    bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="from 0.1 to 100000", each=True)
+    bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="from 0.1 to 10000", each=True)
     damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="from 0.01 to 10", each=True)
     delay: float = key(
-        0.002, "command delay T_t, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
+        0.002, "command delay T_t, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_COMMAND_DELAY:g}"
     )
 
     def sampled_response(self, period: float) -> StateSpace:
         """From [command, its rate] to [reference, its rate] of one axis; the rate of the command is not used."""
         a, b = _held(self.bandwidth, self.damping_ratio, period)
         ticks = whole_multiple("delay", self.delay, period, "period")
-        one = sampled_system(a[None], b[None], None, None, period, ticks)
+        one = behind_delay(a, b, np.eye(2), np.zeros((2, 1)), ticks, period)
         return state_space(one.A(), one.B() @ [[1.0, 0.0]], one.C(), np.zeros((2, 2)), period)
 
     def add_to(

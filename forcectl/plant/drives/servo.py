@@ -228,7 +228,7 @@ class ServoConfig(Config, in_batches=True):
 
     ideal: bool = key(False, "true: the drive follows the filtered reference exactly")
     position_gain: float = key(25.0, "of the position loop", unit="1/s", bounds="from 0.001 to 100000", each=True)
-    velocity_gain: float = key(200.0, "of the velocity loop", unit="1/s", bounds="from 0.01 to 100000", each=True)
+    velocity_gain: float = key(200.0, "of the velocity loop", unit="1/s", bounds="from 0.01 to 10000", each=True)
     integral_gain: float = key(15.0, "of the velocity loop", unit="1/s", bounds="from 0 to 10000", each=True)
     coulomb_friction: float = key(
         1.6, "along the pressed direction (OneDimensional, Kinematic)", unit="m/s^2", bounds="from 0 to 100", each=True
