@@ -18,7 +18,7 @@ from forcectl.scenario.catalog import tags_of
 
 if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
-    from forcectl.diagrams.workcell import Contact
+    from forcectl.diagrams.workcell import Contact, Workcell
     from forcectl.scenario.scenario import Scenario
 
 LONGEST_DURATION = 86_400.0  # [s]
@@ -31,6 +31,7 @@ _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing
 _LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
 _FAR = 10.0  # times the torque of a motor
 _DEEPEST = 0.1  # [m] command into the surface
+_ALONG = 0.9  # cosine of the angle from the tool's axis to the normal
 _PARALLEL = 1e-3  # sine of the angle
 
 
@@ -99,6 +100,7 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
                 raise invalid(f"reference.times.{i}", other, apart)
         _check_forces(scenario, loop.workcell.period)
         _check_way(scenario, loop.workcell.contacts)
+        _check_sides(scenario, loop.workcell)
     check_distinct("log", scenario.log)
     for i, name in enumerate(scenario.log):
         if name in loop.signals:
@@ -248,6 +250,21 @@ def _check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
         if largest > softest * room:
             allowed = f"at least {largest / room:.4g} N/m: {largest:g} N are farther in than a command of {limit:g} m"
             raise invalid(join(_where(scenario, environment), key), softest, allowed)
+
+
+def _check_sides(scenario: Scenario, workcell: Workcell) -> None:
+    """The tool is outside of a surface: the z axis of its TCP goes out of it, not along the outward normal."""
+    for contact in workcell.contacts:
+        environment = contact.environment
+        if not hasattr(environment, "first_stiffness"):
+            continue
+        axis = contact.robot.pose(workcell.start_context()).rotation().col(2)
+        if float(axis @ contact.n) > _ALONG:
+            own = "facing" if hasattr(environment, "facing") else "normal"
+            given = getattr(environment, own, None)
+            key = join(_where(scenario, environment), own) if given else "station.normal"
+            allowed = f"against the z axis of the tool, {np.round(axis, 3).tolist()}: outward, to where the tool is"
+            raise invalid(key, given or scenario.station.normal, allowed)
 
 
 def _where(scenario: Scenario, part: Any) -> str:

@@ -338,6 +338,10 @@ REFUSED = [
     ("station: {drive: !JointInterface {servo: {bandwidth: 1e6}}}", "servo.bandwidth = 1000000.0: must be from 0.1 to"),
     ("station: {drive: !JointInterface {servo: {rate: 1e-6}}}", "servo.rate = 1e-06: must be from 1 to 100000"),
     ("station: {drive: !JointImpedance {friction_bandwidth: 1e6}}", "friction_bandwidth = 1000000.0: must be from 0 t"),
+    # geometry of the contact
+    ("station: {normal: [0, 0, -1]}", "build", "station.normal = [0.0, 0.0, -1.0]: must be against the z axis of the"),
+    ("station: {environment: {normal: [0, 0, -1]}}", "build", "station.environment.normal = [0.0, 0.0, -1.0]: must be"),
+    ("station: {environment: {surface: {heights: {g: !Grooves {depth: 0.05}}}}}", "g.depth = 0.05: must be at most 0."),
 ]  # fmt: skip
 
 

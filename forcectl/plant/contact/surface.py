@@ -25,6 +25,7 @@ from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.series_file import check_meets, read_series
+from forcectl.framework.series_file import check_steepest, read_series
 from forcectl.plant.contact.surface_materials import MaterialsConfig
 from forcectl.plant.contact.surface_moves import SurfaceMoveConfig, check_moves
 
@@ -35,6 +36,7 @@ _STEEPEST = 0.3  # slope [-] up to which n is still a fair contact normal
 _STEEPEST_TURNING = 1.0  # and up to which the way of the tool is still one over s
 _LONGEST = 2.0  # path [m]; keeps the grid small
 _HIGHEST = 0.05  # height in a file, of a groove, of roughness [m]: beyond it the number is hardly in metres
+_STEP = 1e-3  # height [m] that may be steeper than a slope of 1
 _HIGHEST_TURNING = 0.5  # and of a surface that the tool follows round [m]
 
 
@@ -199,6 +201,8 @@ class GrooveConfig(Config):
             raise invalid("positions", self.positions, f"apart by at least the width, {self.width:g} m")
         if self.spacing < self.width:
             raise invalid("spacing", self.spacing, f"at least the width, {self.width:g} m")
+        if self.depth > (deepest := max(_STEP, self.width / np.pi)):
+            raise invalid("depth", self.depth, f"at most {deepest:.3g} m: a step, or a slope of 1 m/m at this width")
 
     def centres(self, length: float) -> list[float]:
         """Where the grooves are within +-`length` [m], sorted [m].
@@ -250,8 +254,7 @@ class WaveConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        highest = _STEEPEST_TURNING * self.wavelength / (2 * np.pi)
-        if self.amplitude > highest:
+        if self.amplitude > (highest := _STEEPEST_TURNING * self.wavelength / (2 * np.pi)):
             slope = f"at most {highest:.3g} m, where the slope is {_STEEPEST_TURNING:g} m/m"
             raise invalid("amplitude", self.amplitude, slope)
 
@@ -369,8 +372,7 @@ class SurfaceConfig(Config, in_batches=True):
             if z.shape != s.shape or not np.isfinite(z).all():
                 wanted = f"finite numbers of shape {s.shape}, like s"
                 raise BadInputError(f"heights(s) must return {wanted}, not shape {z.shape}", key=place)
-            highest = _HIGHEST_TURNING if self.turning else _HIGHEST
-            if np.abs(z).max() > highest:
+            if np.abs(z).max() > (highest := _HIGHEST_TURNING if self.turning else _HIGHEST):
                 fault = f"must be in metres, at most {highest:g} m, not {np.abs(z).max():g}"
                 raise BadInputError(fault, key=place)
             total += z
@@ -396,4 +398,7 @@ def read_profile(path: str, length: float = math.inf) -> tuple[Array, Array]:
     if (span := positions[-1] - positions[0]) > 2 * _LONGEST:
         raise BadInputError(f" = {path!r}: positions span {span:g}: must be in metres", key="path")
     check_meets(path, positions, length)
+    if (span := float(positions[-1] - positions[0])) > 2 * _LONGEST:
+        raise BadInputError(f" = {path!r}: positions span {span:g}: must be in metres", key="path")
+    check_steepest(path, positions, heights, 1.0, free=_STEP, allowed=f"at most {_STEP:g} m, or a slope of 1 m/m")
     return positions, heights

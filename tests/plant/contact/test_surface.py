@@ -230,6 +230,10 @@ def test_a_file_is_joined_by_straight_lines_and_other_columns_are_left_alone(tmp
         ("position,height\n0,0\n0.1,0\n0.1,0\n", "line 4: position = 0.1: must be above the last one"),
         ("position,height\n0,0\n10,1.5\n", "position = 10, height = 1.5: must be in metres, at most 0.05 m"),
         ("position,height\n0,0\n100,0.01\n", "positions span 100: must be in metres"),
+        (
+            "position,height\n0,0\n1e-4,0.05\n",
+            "changes by 0.05 m from 0 to 0.0001: must be at most 0.001 m, or a slope",
+        ),
     ],
 )
 def test_a_file_that_cannot_be_a_profile_is_refused(tmp_path: Path, text: str, told: str) -> None:
@@ -265,6 +269,7 @@ BAD = [
     (RoughnessConfig, {"rms": 1.0}, "rms"),
     (RoughnessConfig, {"seed": -1}, "seed"),
     (GrooveConfig, {"depth": 1.0}, "depth"),
+    (GrooveConfig, {"depth": 2e-3}, "depth"),
     (RoughnessConfig, {"seed": 0.5}, "seed"),
     (SurfaceConfig, {"direction": [0.0, 0.0, 0.0]}, "direction"),
     (SurfaceConfig, {"direction": [1.0, 0.0]}, "direction"),
