@@ -18,10 +18,12 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
+from forcectl.framework.series_file import check_steepest
 from forcectl.motion.references import Reference, linear_trajectory, read_signal, stack_scaled
 
 SPRING_STIFFNESS = 5900.0  # [N/m] that the default moves are made for
 _SHORTEST = 1e-9  # segment of a trajectory [s]
+_FURTHEST, _FASTEST = 1.0, 1.0  # [m], [m/s] of a profile in a file
 
 
 def move(distance: float, speed: float, acceleration: float) -> list[tuple[float, float]]:
@@ -145,9 +147,16 @@ class ExcitationFileConfig(_Excitation, Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _, displacements = read_signal(self.path, "displacement")
+        times, displacements = read_signal(self.path, "displacement")
+        where = f" = {self.path!r}: column displacement"
         if len(set(displacements)) < 2:
-            raise BadInputError(f" = {self.path!r}: column displacement is constant: must move, to excite", key="path")
+            raise BadInputError(f"{where} is constant: must move, to excite", key="path")
+        if min(displacements) >= 0:
+            raise BadInputError(f"{where} is nowhere below zero: must be, to press on the surface", key="path")
+        if (furthest := max(map(abs, displacements))) > _FURTHEST:
+            raise BadInputError(f"{where} has {furthest:g}: must be in metres, at most {_FURTHEST:g} m", key="path")
+        arrays = np.array(times), np.array(displacements)
+        check_steepest(self.path, *arrays, _FASTEST, free=0.0, allowed=f"at most {_FASTEST:g} m/s")
 
     def trajectory(self) -> PiecewisePolynomial:
         """Displacement over time before scaling [m]."""

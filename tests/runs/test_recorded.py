@@ -192,6 +192,9 @@ def test_a_number_out_of_all_proportion_is_named_by_its_row(tmp_path):
     force[5000] = 1e300
     with pytest.raises(BadInputError, match=r"row 5002, column force \[N\]: 1e\+300 is no force of a robot"):
         read_record(write(tmp_path, good(**{"force [N]": force})))
+    kilo = {"force [N]": 1e3 * Y}
+    with pytest.raises(BadInputError, match=r"is no force of a robot: must be at most 10000 N"):
+        read_record(write(tmp_path, good(**kilo)))
 
 
 def test_the_rests_show_the_stiffness_whatever_the_lags(tmp_path):
