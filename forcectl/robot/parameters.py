@@ -331,6 +331,9 @@ def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
         values = getattr(parameters, name)
         if values.size or name in _GIVEN:
             yield _numbers(name, values, n)
+    frequency, fastest = parameters.reference_filter.natural_frequency, np.pi / parameters.period
+    allowed = f"below {fastest:.4g} rad/s, half the rate of control with its period of {parameters.period:g} s"
+    yield "reference_filter.natural_frequency", frequency, allowed, frequency < fastest
     geared = np.abs(parameters.gear_ratio)
     sizes = bool(np.all((geared >= GEAR_RATIO.smallest) & (geared <= GEAR_RATIO.largest)))
     allowed = f"each from {GEAR_RATIO.smallest:g} to {GEAR_RATIO.largest:g} in size"

@@ -15,6 +15,7 @@ _WIDEST = 10.0  # [m] radius of gyration of a link, at most
 _FAR = 0.5  # of the largest moment of inertia that the others may be short of a body's: a slip, and no estimate
 # Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
 _LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
+_MOST_TURNS = 50.0  # [rad] position limit of a joint that turns; beyond it is one in degrees
 _ROUNDING = 1e-14
 LIMITS = ("lower", "upper", "effort", "velocity")
 _SMALLEST = {"effort": 1e-4, "velocity": 1e-5}  # that are not zero
@@ -96,15 +97,18 @@ def is_axis(numbers: list[float]) -> bool:
     return math.hypot(*numbers) >= _SHORTEST_AXIS
 
 
-def wrong_limits(limits: Mapping[str, float]) -> Iterator[str]:
+def wrong_limits(limits: Mapping[str, float], turns: bool = False) -> Iterator[str]:
     """Limits of a joint that no robot has, in words.
 
     Args:
         limits: of lower, upper, effort and velocity those that count; an effort or velocity of 0 is not known.
+        turns: whether the joint turns.
     """
     for name, value in limits.items():
         if math.isfinite(value) and abs(value) > _LARGEST[name]:
             yield f"{name} = {value:g}: must be at most {_LARGEST[name]:g} in size, or inf for none"
+        elif turns and name in ("lower", "upper") and math.isfinite(value) and abs(value) > _MOST_TURNS:
+            yield f"{name} = {value:g}: must be in radians, at most {_MOST_TURNS:g} in size, or inf for none"
         elif 0 < value < _SMALLEST.get(name, 0.0):
             yield f"{name} = {value:g}: must be at least {_SMALLEST[name]:g}, or inf for none"
 

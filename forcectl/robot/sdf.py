@@ -117,7 +117,8 @@ def _wrong_joints(root: Element) -> Iterator[tuple[Element, str]]:
             values = {name: value for name, value in _values(limit).items() if name in LIMITS}
             if values.get("velocity") == 0:
                 yield limit, f"{name}: velocity = 0: must be above zero, or left out for none"
-            for text in wrong_limits({each: _limit(each, value) for each, value in values.items()}):
+            counting = {each: _limit(each, value) for each, value in values.items()}
+            for text in wrong_limits(counting, turns=joint.get("type") == "revolute"):
                 yield limit, f"{name}: {text}"
         for dynamics in axis.findall("dynamics"):
             for text in wrong_friction(_values(dynamics)):

@@ -282,7 +282,7 @@ class _Rewriting:
             if values.get(each, 0.0) < 0:
                 self._problem(joint, f"joint {name!r}: {each} = {values[each]:g}: must not be negative")
         counting = values if kind != "continuous" else {each: values[each] for each in ("effort", "velocity") if values}
-        for text in wrong_limits(counting):
+        for text in wrong_limits(counting, turns=kind == "revolute"):
             self._problem(joint, f"joint {name!r}: {text}")
         dynamics = joint.find("dynamics")
         friction = (

@@ -65,6 +65,7 @@ WRONG = [
     ("<xyz>0 0 1<", "<xyz>0 0 1e-300<", "line 8: joint 'wrist': axis is zero: must be a direction"),
     ("<lower>-1<", "<lower>nan<", "line 8: limit lower = 'nan': must be a number"),
     ("<lower>-1<", "<lower>-1e9<", "line 8: joint 'wrist': lower = -1e+09: must be at most 10000 in size"),
+    ("<lower>-1<", "<lower>-170<", "joint 'wrist': lower = -170: must be in radians, at most 50 in size"),
     ("<effort>50<", "<effort>1e-12<", "joint 'wrist': effort = 1e-12: must be at least 0.0001"),
     ("<velocity>3<", "<velocity>1e9<", "joint 'wrist': velocity = 1e+09: must be at most 1000 in size"),
     ("<velocity>3<", "<velocity>0<", "joint 'wrist': velocity = 0: must be above zero, or left out for none"),

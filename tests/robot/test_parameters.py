@@ -52,6 +52,7 @@ MISTAKES = [
     ("period: 0.004", "period: 0", "planar.control.yaml:13: period = 0.0: must be above 0 and at most 1"),
     ("period: 0.004", "period: fast", "period = 'fast': must be a number"),
     ("period: 0.004", "period: [0.004]", "period = [0.004]: must be a number"),
+    ("natural_frequency: 50", "natural_frequency: 5000", "natural_frequency = 5000.0: must be below 785.4 rad/s"),
     (
         "natural_frequency: 50",
         "natural_frequency: -50",

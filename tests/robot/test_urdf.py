@@ -172,6 +172,7 @@ PROBLEMS = [
     ('ixx="0.001"', 'ixx="-0.001"', "inertia -0.001, 0.03, 0.03 kg m2: must not be negative"),
     ('lower="-3" upper="3"', 'lower="3" upper="-3"', "limit from 3 to -3: lower must not be above upper"),
     ('lower="-3"', 'lower="-1e9"', "lower = -1e+09: must be at most 10000 in size, or inf for none"),
+    ('lower="-3"', 'lower="-170"', "lower = -170: must be in radians, at most 50 in size, or inf for none"),
     ('effort="50"', 'effort="1e12"', "effort = 1e+12: must be at most 1e+06 in size, or inf for none"),
     ('velocity="2"', 'velocity="1e9"', "velocity = 1e+09: must be at most 1000 in size, or inf for none"),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><dynamics damping="-1"/>', "damping = -1: must be from 0 to 1e+06"),
