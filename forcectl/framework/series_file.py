@@ -44,7 +44,8 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
             pair = float(row[along]), float(row[value])
         except (TypeError, ValueError):
             pair = (math.nan, math.nan)
-        if not all(map(math.isfinite, pair)) or "_" in row[along] + row[value]:
+        written = row[along] + row[value] if all(map(math.isfinite, pair)) else "_"
+        if "_" in written or not written.isascii():  # as Python reads digits of any script
             told = f"{along} = {show(row[along])}, {value} = {show(row[value])}"
             raise BadInputError(f" = {show(path)} line {number}: {told}: must be finite numbers", key="path")
         if rows and not pair[0] > rows[-1][0]:

@@ -146,7 +146,7 @@ def _cells(line: str, separator: str) -> list[str]:
 
 def _number(text: str) -> float | None:
     try:
-        return None if "_" in text else float(text)
+        return None if "_" in text or not text.isascii() else float(text)  # Python reads digits of any script
     except ValueError:
         return None
 

@@ -88,6 +88,7 @@ def test_a_profile_from_a_file(tmp_path):
         ("time,displacement\n0,0\n1,4\n2,0\n", "column displacement is nowhere below zero"),
         ("time,displacement\n0,0\n9,-4\n18,0\n", "column displacement has 4: must be in metres, at most 1 m"),
         ("time,displacement\n0,0\n0.001,-0.05\n2,0\n", "changes by 0.05 m from 0 to 0.001: must be at most 1 m/s"),
+        ("time,displacement\n0,0\n1,-\u0661\n", "line 3"),
     ],
 )
 def test_a_bad_file_is_refused_in_one_line(tmp_path, text, says):

@@ -75,6 +75,9 @@ def test_words_matter_only_in_a_column_that_is_used(tmp_path):
     table = read_columns(write(tmp_path, "a,b\n1,2\n1_0,3\n"))
     with pytest.raises(BadInputError, match=r"data\.csv row 3, column a: '1_0' must be a number"):
         table.find("a", (), "force")
+    table = read_columns(write(tmp_path, "a,b\n1,2\n\u0661,3\n"))  # a digit, but of no keyboard of a laboratory's
+    with pytest.raises(BadInputError, match=r"data\.csv row 3, column a: '\u0661' must be a number"):
+        table.find("a", (), "force")
 
 
 def test_a_force_that_is_text_in_a_log_is_not_passed_over_for_another_one(tmp_path):

@@ -234,6 +234,7 @@ def test_a_file_is_joined_by_straight_lines_and_other_columns_are_left_alone(tmp
             "position,height\n0,0\n1e-4,0.05\n",
             "changes by 0.05 m from 0 to 0.0001: must be at most 0.001 m, or a slope",
         ),
+        ("position,height\n0,0\n0.1,\u0661\n", "line 3"),
     ],
 )
 def test_a_file_that_cannot_be_a_profile_is_refused(tmp_path: Path, text: str, told: str) -> None:
