@@ -3,7 +3,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 
-from forcectl.framework.linear_batch import WIDE, LinearBatch, sampled_system
+from forcectl.framework.linear_batch import WIDE, LinearBatch, behind_delay, interleave, sampled_system
 
 PERIOD, STEPS = 0.01, 40
 
@@ -52,6 +52,17 @@ def test_each_element_is_a_linear_system_of_its_own(ticks, stateful):
         alone = sampled_system(a[i : i + 1], b[i : i + 1], *outputs, PERIOD, ticks, state=state[:, i], line=line[:, i])
         assert isinstance(alone, LinearSystem)
         np.testing.assert_allclose(found[..., i], response(alone, inputs[..., i]), rtol=1e-12, atol=1e-12)
+
+
+def test_a_long_delay_is_a_line_of_its_own_with_the_same_outputs():
+    n, ticks = 2, 80
+    rng = np.random.default_rng(3)
+    state, line, inputs = rng.standard_normal(3 * n), rng.standard_normal(2 * n), rng.standard_normal((200, 2, n))
+    long = made(n, ticks, False, state, line)
+    assert isinstance(long, LinearBatch)
+    dense = behind_delay(*(interleave(part) for part in systems(n)), ticks, PERIOD)
+    dense.configure_default_state(np.concatenate([state, np.tile(line, ticks)]))
+    np.testing.assert_allclose(response(long, inputs), response(dense, inputs), rtol=1e-12, atol=1e-12)
 
 
 def test_an_element_gives_the_same_bits_in_any_batch():
