@@ -246,7 +246,9 @@ def _check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
         room = limit - (0.0 if guarded else contact.gap) - largest * contact.robot_compliance
         if room <= 0:
             way = f"{largest * contact.robot_compliance:.3g} m at the largest desired force, {largest:g} N"
-            raise BadInputError(f" gives way by {way}: must be within {limit:g} m of the command", key="station.robot")
+            allowed = f"within {limit:g} m of the command; is joint_stiffness in Nm/rad, and what is long in m?"
+            blamed = "robot" if scenario.station.stiffness_scale == 1 else "stiffness_scale"
+            raise BadInputError(f" lets the robot give way by {way}: must be {allowed}", key=f"station.{blamed}")
         if largest > softest * room:
             allowed = f"at least {largest / room:.4g} N/m: {largest:g} N are farther in than a command of {limit:g} m"
             raise invalid(join(_where(scenario, environment), key), softest, allowed)

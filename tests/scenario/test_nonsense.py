@@ -342,6 +342,7 @@ REFUSED = [
     ("station: {normal: [0, 0, -1]}", "build", "station.normal = [0.0, 0.0, -1.0]: must be against the z axis of the"),
     ("station: {environment: {normal: [0, 0, -1]}}", "build", "station.environment.normal = [0.0, 0.0, -1.0]: must be"),
     ("station: {environment: {surface: {heights: {g: !Grooves {depth: 0.05}}}}}", "g.depth = 0.05: must be at most 0."),
+    ("station: {stiffness_scale: 1e-3}", "build", "station.stiffness_scale lets the robot give way by 0.48 m at the"),
 ]  # fmt: skip
 
 
