@@ -58,13 +58,6 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
     return first, second
 
 
-def check_meets(path: str, positions: Array, length: float) -> None:
-    """Refuse a series that lies wholly beyond a path.
-
-    Args:
-        path: of the file.
-        positions: increasing, shape (k,) [m].
-        length: of the path to both sides of its start [m].
 def check_steepest(path: str, along: Array, values: Array, steepest: float, *, free: float, allowed: str) -> None:
     """Refuse points of a file between which a value changes too fast for lines to join them.
 
@@ -79,13 +72,26 @@ def check_steepest(path: str, along: Array, values: Array, steepest: float, *, f
     Raises:
         BadInputError: about `path`.
     """
-    first, last = positions[0], positions[-1]
-    if first >= length or last <= -length:
-        told = f" = {path!r}: positions from {first:g} to {last:g} m"
-        raise BadInputError(f"{told}: must meet the path, from {-length:g} to {length:g} m", key="path")
     changes = np.abs(np.diff(values))
     steep = changes > np.maximum(free, steepest * np.diff(along))
     if steep.any():
         k = int(steep.argmax())
         told = f"changes by {changes[k]:.3g} m from {along[k]:g} to {along[k + 1]:g}"
         raise BadInputError(f" = {show(path)} {told}: must be {allowed}", key="path")
+
+
+def check_meets(path: str, positions: Array, length: float) -> None:
+    """Refuse a series that lies wholly beyond a path.
+
+    Args:
+        path: of the file.
+        positions: increasing, shape (k,) [m].
+        length: of the path to both sides of its start [m].
+
+    Raises:
+        BadInputError: about `path`.
+    """
+    first, last = positions[0], positions[-1]
+    if first >= length or last <= -length:
+        told = f" = {path!r}: positions from {first:g} to {last:g} m"
+        raise BadInputError(f"{told}: must meet the path, from {-length:g} to {length:g} m", key="path")

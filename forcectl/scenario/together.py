@@ -30,7 +30,6 @@ _RATES = ("integral_gain", "observer_bandwidth", "adaptation_rate")  # of a law,
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
 _LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
 _FAR = 10.0  # times the torque of a motor
-_DEEPEST = 0.1  # [m] command into the surface
 _DEEPEST = 0.3  # [m] into the surface; most laws stop at 0.1, which is a finding of the run
 _ALONG = 0.9  # cosine of the angle from the tool's axis to the normal
 _PARALLEL = 1e-3  # sine of the angle
