@@ -186,7 +186,7 @@ class VrftConfig(Config, in_batches=True):
         -2.53e-4, "gain K_I; pressing is negative", unit="m/(N s)", bounds="at most 0", each=True
     )
     derivative_gain: float = key(1.62e-8, "gain K_D", unit="m s/N", each=True)
-    fir: list[float] = key([], "further FIR coefficients f_0, f_1, ...", unit="m/N", bounds="from -1 to 1")
+    fir: list[float] = key([], "further FIR coefficients f_0, f_1, ...", unit="m/N", bounds="from -100000 to 100000")
     derivative_filter: float | None = key(
         None, "T_D; null: two control ticks", unit="s", bounds="from 0 to 100", each=True
     )

@@ -295,6 +295,7 @@ REFUSED = [
         "surface.materials.segments.0.stiffness = 9.0: must be at least 50",
     ),
     ("station: {environment: {stiffness: 900, surface: {gap: 0.05}}}\nreference: {force: 300}", "build", "N/m: 300 N ar"),
+    ("station: {environment: {stiffness: 900, surface: {gap: 0.05}}}\nreference: {force: 300}", "build", " N/m: 300"),
     # sensors that show nothing of the wanted force
     ("station: {sensors: {force: {range: .inf, quantum: 1e5}}}", "force.quantum = 100000.0: must be at most 0.1 of 10"),
     ("station: {sensors: {force: {range: .inf, noise_std: 1e5}}}", "force.noise_std = 100000.0: must be at most 0.1 o"),
@@ -328,7 +329,7 @@ REFUSED = [
     ("controller: !RecursiveVrft {excitation: {speed: 900}}", "excitation.speed = 900.0: must be above 0 and at most"),
     ("controller: !RecursiveVrft {excitation: {rest: 1e6}}", "excitation.rest = 1000000.0: must be from 0 to 600"),
     ("controller: !RecursiveVrft {forgetting: 0.1}", "controller.forgetting = 0.1: must be from 0.9 to 1"),
-    ("controller: !Vrft {fir: [1000000]}", "controller.fir.0 = 1000000.0: must be from -1 to 1"),
+    ("controller: !Vrft {fir: [1000000]}", "controller.fir.0 = 1000000.0: must be from -100000 to"),
     ("controller: !Pid {proportional_gain: 1e5}", "controller.proportional_gain = 100000.0: must be from 0 to 100"),
     ("controller: !Pid {derivative_gain: 1e5}", "controller.derivative_gain = 100000.0: must be from 0 to 10"),
     # drives
