@@ -107,6 +107,7 @@ def test_a_linear_loop_with_delay_equals_its_single_run(contact):
         **contact,
         "station.environment.one_sided": False,
         "station.drive.servo.ideal": True,
+        "station.drive.servo.coulomb_friction": 0.0,
         "station.sensors.force.noise_std": 0.0,
         "station.sensors.force.quantum": 0.0,
         "station.sensors.force.range": np.inf,

@@ -389,8 +389,7 @@ def read_profile(path: str, length: float = math.inf) -> tuple[Array, Array]:
         BadInputError: about `path`, see `forcectl.framework.series_file`; not in metres.
     """
     positions, heights = read_series(path, "position", "height")
-    k = int(np.abs(heights).argmax())
-    if abs(heights[k]) > _HIGHEST:
+    if abs(heights[k := int(np.abs(heights).argmax())]) > _HIGHEST:
         told = f"position = {positions[k]:g}, height = {heights[k]:g}"
         raise BadInputError(f" = {path!r}: {told}: must be in metres, at most {_HIGHEST:g} m", key="path")
     if (span := float(positions[-1] - positions[0])) > 2 * _LONGEST:
