@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise, product
 from typing import Any
 
@@ -285,13 +285,17 @@ def _outcomes(node: ast.expr, ranges: Mapping[str, tuple[float, float]]) -> set[
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
         return {not each for each in _outcomes(node.operand, ranges)}
     if isinstance(node, ast.BoolOp):
-        joined = all if isinstance(node.op, ast.And) else any
-        return {joined(each) for each in product(*(_outcomes(part, ranges) for part in node.values))}
+        return _all_or_any([_outcomes(part, ranges) for part in node.values], isinstance(node.op, ast.And))
     if not isinstance(node, ast.Compare):
         return {True, False}
     terms = [_range(term, ranges) for term in (node.left, *node.comparators)]
     pairs = zip(node.ops, pairwise(terms), strict=True)
-    return {all(each) for each in product(*(_compared(type(op), *pair) for op, pair in pairs))}
+    return _all_or_any([_compared(type(op), *pair) for op, pair in pairs], True)
+
+
+def _all_or_any(outcomes: Sequence[set[bool]], by_and: bool) -> set[bool]:
+    """What parts may come out as together: joined by `and` true where all are, by `or` false where all are."""
+    return {each for each, enough in ((by_and, all), (not by_and, any)) if enough(each in one for one in outcomes)}
 
 
 def _compared(op: type, left: tuple[float, float], right: tuple[float, float]) -> set[bool]:

@@ -142,3 +142,11 @@ def test_a_condition_that_always_holds():
     assert Expression("a < 0.5 or b > 1").always_holds(RANGES)
     assert not Expression("a < 0.5 or b > 2").always_holds(RANGES)
     assert not Expression("a < 5 and x > 0").always_holds(RANGES)
+
+
+def test_a_long_condition_is_settled_as_fast_as_a_short_one():
+    text = " or ".join(f"s{i} > {i}" for i in range(60))
+    condition = Expression(text)
+    assert list(condition.settled({"s1": (0.0, 0.5)})) == [("s1 > 1", False)]
+    assert condition.always_holds({"s0": (1.0, 2.0)})
+    assert not condition.always_holds({})
