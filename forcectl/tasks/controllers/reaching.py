@@ -29,6 +29,7 @@ from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
 from forcectl.tasks.task_parts import TaskTargetConfig, start_motion
 
 _FARTHEST = 10.0  # [m or rad] beyond is no target of any arm, but a mistake
+_BEYOND = 1.5  # times the length of the arm; a target nearer than that and out of reach is told after the run
 
 Array = NDArray[np.float64]
 NamedTask = tuple[str, ArmTask, list[tuple[str, TaskTargetConfig]]]  # name in the scenario, targets with their keys
@@ -120,7 +121,7 @@ class ReactiveReachingConfig(TaskControllerConfig):
 
 
 def _check_places(tasks: Sequence[NamedTask], model: PlantModel) -> None:
-    """Targets of whole poses are within the length of the arm, and in none of the station's boxes.
+    """Targets of whole poses are not far beyond the arm, and in none of the station's boxes.
 
     Raises:
         BadInputError: about the target that is not.
@@ -133,11 +134,9 @@ def _check_places(tasks: Sequence[NamedTask], model: PlantModel) -> None:
             place = target.value[:3]
             if len(place) < 3 or np.abs(place).max() > _FARTHEST:
                 continue  # refused with the start
-            if (away := float(np.linalg.norm(place - shoulder))) > reach:
-                near = (
-                    f"within {reach:.3g} m, the length of the arm, of its first joint at {shoulder.round(3).tolist()}"
-                )
-                raise invalid(where, place, f"{near}: it is {away:.3g} m away")
+            if (away := float(np.linalg.norm(place - shoulder))) > _BEYOND * reach:
+                near = f"within {_BEYOND * reach:.3g} m, {_BEYOND:g} times the length of the arm, of its first joint"
+                raise invalid(where, place, f"{near} at {shoulder.round(3).tolist()}: it is {away:.3g} m away")
             for name, box in model.obstacles.items():
                 if box.holds(place):
                     raise invalid(where, place, f"outside of the box {name!r} of size {box.size} at {box.position}")

@@ -177,7 +177,7 @@ def test_every_null_space_criterion_can_be_chosen(null_space: Any) -> None:
         ({"targets": [ReachConfig(arm="middle", position=[0, 0, 0])]}, "targets.0.arm: unknown arm 'middle'"),
         (
             {"targets": [ReachConfig(**LEFT), ReachConfig(arm="left", position=[5, 0, 0])]},
-            r"targets\.1\.position = \[5.*: must be within 0\.\d+ m, the length of the arm, of its first joint.* away",
+            r"targets\.1\.position = \[5.*: must be within 1\.\d+ m, 1.5 times the length of the arm, of.* away",
         ),
         (
             {"targets": [ReachConfig(**LEFT)], "obstacles": [ObstacleConfig(position=LEFT["position"])]},
