@@ -63,7 +63,12 @@ def run_experiment(name: str, fidelity: str | None = None, seed: int | None = No
     """
     file, changes = find_scenario(name), with_shortcuts(None, seed, fidelity)
     scenarios = {variant: resolve(file, variant, changes) for variant in select_variants(file)}
-    outcomes = [_outcome(name, variant, changes) for variant in scenarios]
+    done: dict[str, VariantOutcome] = {}
+    for wait in (False, True):  # variants that another process simulates come last: two at it share them out
+        for variant in [each for each in scenarios if each not in done]:
+            if (one := _outcome(name, variant, changes, wait)) is not None:
+                done[variant] = one
+    outcomes = [done[variant] for variant in scenarios]
     metrics = {outcome.variant: outcome.metrics for outcome in outcomes}
     findings = {outcome.variant: outcome.findings for outcome in outcomes}
     return ExperimentRun(stack([o.log for o in outcomes]), metrics, verdicts_on(file, scenarios, outcomes), findings)
@@ -71,12 +76,14 @@ def run_experiment(name: str, fidelity: str | None = None, seed: int | None = No
 
 def run_variant(name: str, variant: str, fidelity: str | None = None, seed: int | None = None) -> VariantOutcome:
     """One variant of a shipped experiment; arguments as above."""
-    return _outcome(name, variant, with_shortcuts(None, seed, fidelity))
+    found = _outcome(name, variant, with_shortcuts(None, seed, fidelity))
+    assert found is not None
+    return found
 
 
-def _outcome(name: str, variant: str, changes: Mapping[str, Any]) -> VariantOutcome:
-    done = simulated(resolve(find_scenario(name), variant, changes), f"{name}, {variant!r}")
-    return replace(done, variant=variant, log=done.log.assign_coords(variant=variant))
+def _outcome(name: str, variant: str, changes: Mapping[str, Any], wait: bool = True) -> VariantOutcome | None:
+    done = _simulated(resolve(find_scenario(name), variant, changes), f"{name}, {variant!r}", None, wait)
+    return done and replace(done, variant=variant, log=done.log.assign_coords(variant=variant))
 
 
 def simulated(scenario: Scenario, name: str, loop: Loop | None = None) -> VariantOutcome:
@@ -87,9 +94,19 @@ def simulated(scenario: Scenario, name: str, loop: Loop | None = None) -> Varian
         name: for the message of a failure.
         loop: of the scenario, where it is built already.
     """
+    found = _simulated(scenario, name, loop, wait=True)
+    assert found is not None
+    return found
+
+
+def _simulated(scenario: Scenario, name: str, loop: Loop | None, wait: bool) -> VariantOutcome | None:
+    """See `simulated`; None where another process is at it and nobody is to wait for that."""
     path = Path(os.environ["FORCECTL_TEST_RUNS"]) / sha256(text_of(scenario).encode()).hexdigest()
     with path.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # another process that wants the same run waits for it
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return None
         if not path.exists():
             for one in identifications(scenario, scenario.experiment):
                 FOUND[text_of(one.scenario)] = simulated(one.scenario, one.experiment).metrics
