@@ -117,8 +117,9 @@ class Layers:
     def where(self, key: str) -> str:
         """Where the value at a dotted key is from: the strongest layer that holds it, or holds the part around it."""
         parts = key.split(".")
-        if any(parts[: len(each)] == each for each in self._overridden):
-            return "override"
+        for each in self._overridden:  # of it, of what is around it, or of something in it; a whole slot is the file's
+            if parts[: len(each)] == each or (len(parts) > 1 and each[: len(parts)] == parts):
+                return "override"
         for layers in (self._layers[1:-1], self._layers[-1:]):  # an override of something beside it comes last
             for length in range(len(parts), 0, -1):
                 for where, tree in reversed(layers):  # a default stands where the part around it does

@@ -281,7 +281,7 @@ class EnvironmentConfig(Config, in_batches=True):
         0.0,
         "D_E where surface.materials does not say otherwise",
         unit="N s/m",
-        bounds="not negative, at most 10000",
+        bounds="not negative, at most 100000",
     )
     dissipation: float = key(
         0.0,

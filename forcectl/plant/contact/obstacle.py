@@ -27,7 +27,7 @@ class ObstacleConfig(Config):
         unit="N/m",
         bounds=f"positive and at most {0.1 * LARGEST_STIFFNESS:g}",
     )
-    damping: float = key(50.0, "at a point of contact", unit="Ns/m", bounds="not negative, at most 10000")
+    damping: float = key(50.0, "at a point of contact", unit="Ns/m", bounds="not negative, at most 100000")
     friction: float = key(0.2, "Coulomb's, against any link", unit="1", bounds="at least 0 and below 1")
 
     @property

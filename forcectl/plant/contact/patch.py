@@ -53,7 +53,7 @@ class PatchConfig(Config):
     tilt_deg: float = key(0.0, "angle that the plate is turned by", unit="deg", bounds="from -45 to 45")
     tilt_axis: list[float] = key([1.0, 1.0, 0.0], "about which it is, in W", bounds="not all zero", size=3)
     stiffness: float = key(5.9e3, "K_E of all points together", unit="N/m", bounds="positive")
-    damping: float = key(0.0, "D_E of all points together", unit="N s/m", bounds="not negative, at most 10000")
+    damping: float = key(0.0, "D_E of all points together", unit="N s/m", bounds="not negative, at most 100000")
     dissipation: float = key(
         0.0,
         "d_E of Hunt and Crossley, in place of damping",

@@ -39,7 +39,7 @@ class SegmentConfig(Config):
     start: float = key(meaning="path coordinate", unit="m")
     end: float = key(meaning="path coordinate, above `start`", unit="m")
     stiffness: float | None = key(None, "K_E; null: that of the material", unit="N/m", bounds="positive")
-    damping: float = key(0.0, "D_E", unit="N s/m", bounds="not negative, at most 10000")
+    damping: float = key(0.0, "D_E", unit="N s/m", bounds="not negative, at most 100000")
     height: float = key(
         0.0, "above the rest of the surface", unit="m", bounds=f"from {-_LARGEST_HEIGHT:g} to {_LARGEST_HEIGHT:g}"
     )

@@ -52,7 +52,7 @@ class CapOnMountConfig(Config):
     stiffness: float = key(1450.0, "K, along the axis, of all that is between the arms", unit="N/m", bounds="positive")
     feet: int = key(3, "n", bounds="from 3 to 24")
     foot_stiffness: float = key(2e4, "k, of each foot on the face; above K/n", unit="N/m", bounds="positive")
-    damping: float = key(0.0, "D", unit="N s/m", bounds="not negative, at most 10000")
+    damping: float = key(0.0, "D", unit="N s/m", bounds="not negative, at most 100000")
     friction: float = key(0.15, "Coulomb's", bounds="not negative and at most 2")
     waves: int = key(9, "N, waves of the face in a turn; a multiple of n lifts all feet alike", bounds="from 0 to 1000")
     waviness: float = key(0.05e-3, "A, height of the waves", unit="m", bounds="not negative")

@@ -60,7 +60,7 @@ class PegInBoreConfig(Config):
     taper_length: float = key(8e-3, "of the peg's tip", unit="m", bounds="positive")
     taper_radius: float = key(5e-3, "by which the peg's tip is narrower", unit="m", bounds="positive")
     stiffness: float = key(2e5, "K of a ring", unit="N/m", bounds="positive")
-    damping: float = key(100.0, "D of a ring", unit="N s/m", bounds="not negative, at most 10000")
+    damping: float = key(100.0, "D of a ring", unit="N s/m", bounds="not negative, at most 100000")
     friction: float = key(0.15, "Coulomb's", bounds="not negative and at most 2")
 
     def __post_init__(self) -> None:
