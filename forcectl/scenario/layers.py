@@ -63,7 +63,8 @@ class Layers:
             (lambda key: file.where(f"variants.{variant}.{key}", f"variant {variant!r}"), varied),
             (lambda key: "override", forced),
         ]
-        self._check_changes(overrides)
+        if overrides:
+            self._check_changes(overrides)
         name = self.merged().get("preset", catalog.DEFAULT_PRESET)
         if name not in catalog.list_presets():
             raise unknown("preset", name, catalog.list_presets()).at("preset", self.where("preset"))

@@ -69,13 +69,14 @@ class FindingsConfig(Config):
         ranges = [sensor.range for sensor in sensors if hasattr(sensor, "range")]
         filtered = all(getattr(sensor, "bandwidth", np.inf) * setting.workcell.period < 1 for sensor in sensors)
         truth = setting.truth
-        robot, compliances = truth.robot_compliance, truth.robot_compliance + truth.environment_compliance
-        for k, (label, one) in enumerate(surfaces(log)):
-            surface = setting.workcell.contacts[k].surface
-            even = surface is not None and surface.even
-            pressing = Pressing.of(one, float(compliances[k]), motion, even)
+        robots, believed = truth.robot_compliance, setting.model.environment_compliance
+        compliances, contacts = robots + truth.environment_compliance, setting.workcell.contacts
+        rows = zip(surfaces(log), contacts, compliances, robots, believed, strict=True)
+        for (label, one), contact, compliance, robot, of_model in rows:
+            even = contact.surface if contact.surface is not None and contact.surface.even else None
+            pressing = Pressing.of(one, float(compliance), motion, even is not None)
             found = [*force_findings(pressing, ranges, self, filtered)]
-            if surface is not None and surface.even and surface.materials is None:
-                found += compliance_findings(pressing, float(robot[k]), float(setting.model.environment_compliance[k]))
+            if even is not None and even.materials is None:
+                found += compliance_findings(pressing, float(robot), float(of_model))
             for each in found:
                 yield replace(each, text=f"{label[:-1]}: {each.text}") if label else each

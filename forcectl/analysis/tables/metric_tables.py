@@ -150,11 +150,15 @@ def is_metric(name: str) -> bool:
 
 def metric_unit(name: str) -> str:
     """Unit of a metric; "" of one of the user's."""
-    metric = (METRICS | of_motion_loops.MOTION_METRICS).get(name.rpartition(".")[2])
+    metric = _known(name)
     return metric.unit if metric else ""
 
 
 def is_never_negative(name: str) -> bool:
     """Whether a metric is known to be zero or above; of one of the user's nothing is known."""
-    metric = (METRICS | of_motion_loops.MOTION_METRICS).get(name.rpartition(".")[2])
+    metric = _known(name)
     return metric is not None and metric.sign == NEVER_NEGATIVE
+
+
+def _known(name: str) -> Metric | None:
+    return (METRICS | of_motion_loops.MOTION_METRICS).get(name.rpartition(".")[2])
