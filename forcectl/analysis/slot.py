@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING, Any
 from forcectl.analysis.force_metrics import metrics_of
 from forcectl.analysis.motion_metrics import joint_metrics
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.framework.reader import join
+from forcectl.errors import BadInputError, about, invalid, unknown
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping, Sequence
@@ -69,12 +68,9 @@ def check_fits(analysis: Any, signals: Mapping[str, LoggedSignal], setting: Sett
         BadInputError: about a key of the analysis.
     """
     check_needs(analysis, signals, key)
-    if not hasattr(analysis, "check"):
-        return
-    try:
-        analysis.check(signals, setting)
-    except BadInputError as error:
-        raise error.at(join(key, error.key)) from None
+    if hasattr(analysis, "check"):
+        with about(analysis):
+            analysis.check(signals, setting)
 
 
 def check_parts(names: Mapping[str, str], setting: Setting) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from forcectl.analysis.slot import check_fits
-from forcectl.errors import BadInputError, check_distinct, invalid, unknown
+from forcectl.errors import BadInputError, about, check_distinct, invalid, unknown
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
 from forcectl.motion.loads import loaded_frames
@@ -115,10 +115,8 @@ def _check_forces(scenario: Scenario, period: float) -> None:
     if first > limit:
         raise invalid("reference.initial_force", first, f"at most the sensor's range, {limit:g} N")
     if hasattr(scenario.reference, "check_effect"):
-        try:
+        with about(scenario.reference):
             scenario.reference.check_effect()
-        except BadInputError as error:
-            raise error.at(join("reference", error.key)) from None
     for name, sensor in scenario.station.sensors.items():
         errors = ("noise_std", "quantum") if getattr(sensor, "tare", False) else ("noise_std", "quantum", "bias")
         for key in errors if hasattr(sensor, "range") else ():
