@@ -163,11 +163,10 @@ def test_a_wall_in_front_of_the_surface_ends_the_move() -> None:
     ("fidelity", "stiffness", "speed"), [("OneDimensional", 1e5, 0.030), ("Multibody", 1e4, 0.106)]
 )
 def test_the_guard_keeps_its_largest_force_at_the_first_touch(fidelity: str, stiffness: float, speed: float) -> None:
-    base = scenario(
-        fidelity, INVARIANCE, stiffness, speed, {"gap": 0.15 * speed}, guard={"maximum_force": 30.0}, duration=0.4
-    )
+    guard = {"maximum_force": 30.0, "stiffness_margin": 1.0}
+    base = scenario(fidelity, INVARIANCE, stiffness, speed, {"gap": 0.15 * speed}, guard=guard, duration=0.4)
     assert 20.0 < float(fc.run(base).log["contact_force"].max()) < 30.0
-    faster = scenario(fidelity, INVARIANCE, stiffness, 1.1 * speed, guard={"maximum_force": 30.0})
+    faster = scenario(fidelity, INVARIANCE, stiffness, 1.1 * speed, guard=guard)
     with pytest.raises(BadInputError, match=r"controller.speed = .* m/s: the first touch comes to .* at most "):
         fc.build(faster)
 

@@ -251,6 +251,8 @@ MISBEHAVE: dict[tuple[str, str], dict[str, set[str]]] = {
     ("first_touch", "governed VRFT, 50 mm/s on 1e4 N/m"): on(["Multibody"], "not_settled"),
     ("first_touch", "at most 30 N, 90 mm/s on 1e4 N/m"): on(_EVERY, "guarded"),
     ("first_touch", "at most 30 N, 29 mm/s on 1e5 N/m"): on(_EVERY, "guarded"),
+    ("first_touch", "at most 30 N, 35 mm/s on 1e5 N/m, taken for 1e4"): on(["OneDimensional"], "guarded", "not_settled")
+    | on(["Multibody"], "guard_stopped", "no_contact"),
     ("fig_4_7", "4.5 rad/s"): on(["Multibody"], *_HUNTS) | on(["Kinematic", "OneDimensional"], "stick_slip"),
     ("fig_4_14", "aluminium, VRFT for 7.5 rad/s"): on(["Multibody"], "limit_cycle"),
     ("fig_4_14", "plastic, VRFT for 7.5 rad/s"): on(["Multibody"], "not_settled"),

@@ -28,6 +28,7 @@ _PULL = 0.02  # of the range, below which the reading of a surface that cannot p
 _SETTLES = 0.08  # [s] after which, and the sensor's lag, a way of the command is worth its force
 _EXPLAINED = 0.1  # [s] for which a way of the command explains a rate of the force
 _FORGOTTEN = 2.0  # [s] after which energy that went into a surface counts for a third
+_OVER = 1.2  # of the largest force, that a surface stiffer than the model's may come to
 _LOSSES = 8  # of contact that are no hopping
 _DEEPER = 0.05  # of the range: what a live sensor shows of the way for it
 
@@ -61,6 +62,11 @@ class GuardConfig(Config):
         "that goes into the surface within about 2 s, beyond the elastic one of maximum_force",
         unit="J",
         bounds="from 0.001 to 1000",
+    )
+    stiffness_margin: float = key(
+        10.0,
+        "times the model's stiffness that a surface may have where it is approached, for 1.2 times maximum_force",
+        bounds="from 1 to 1000",
     )
     search_distance: float = key(
         0.01, "way beyond the last contact, to find it again", unit="m", bounds="above 0 and at most 1"
@@ -124,7 +130,9 @@ class GuardConfig(Config):
         )
 
     def check_approach(self, model: PlantModel, key: str, speed: float) -> None:
-        """Refuse a speed at which no retreat keeps the force of the first touch below `maximum_force`.
+        """Refuse a speed at which no retreat keeps the force of the first touch small enough.
+
+        That is `maximum_force`, and 1.2 times as much on a surface `stiffness_margin` times as stiff as the model's.
 
         Args:
             model: of the plant.
@@ -136,14 +144,16 @@ class GuardConfig(Config):
         """
         if self.maximum_force is None or not model.size:
             return
-        gain = touch_gain(model)
-        if gain * speed > self.maximum_force:
-            stiffness, largest = 1.0 / float(np.min(model.environment_compliance)), self.maximum_force / gain
-            fault = (
-                f" = {speed:g} m/s: the first touch comes to {gain * speed:.3g} N on {stiffness:.4g} N/m: must be at "
-                f"most {largest:.3g} m/s with guard.maximum_force = {self.maximum_force:g} N"
-            )
-            raise BadInputError(fault, key=key)
+        for stiffer, force in ((1.0, self.maximum_force), (self.stiffness_margin, _OVER * self.maximum_force)):
+            gain = touch_gain(model, stiffer)
+            if gain * speed > force:
+                stiffness = stiffer / float(np.min(model.environment_compliance))
+                margin = f", {stiffer:g} times the model's (guard.stiffness_margin)" if stiffer > 1.0 else ""
+                fault = (
+                    f" = {speed:g} m/s: the first touch comes to {gain * speed:.3g} N on {stiffness:.4g} N/m{margin}: "
+                    f"must be at most {force / gain:.3g} m/s with guard.maximum_force = {self.maximum_force:g} N"
+                )
+                raise BadInputError(fault, key=key)
 
     def of_law(self, model: PlantModel, rates: bool = False) -> ControllerGuard:
         """The guard of a force law; `rates`: one that gives the speed of its command, too."""

@@ -49,12 +49,17 @@ def swinging_gain(mass: Array, damping: Array, springs: Array, row: Array, stiff
     return largest
 
 
-def touch_gain(model: PlantModel) -> float:
-    """Largest force of a first touch per speed of the approach, over all surfaces [N s/m]."""
+def touch_gain(model: PlantModel, stiffer: float = 1.0) -> float:
+    """Largest force of a first touch per speed of the approach, over all surfaces [N s/m].
+
+    Args:
+        model: of the plant.
+        stiffer: how many times as stiff as the model's the surfaces are.
+    """
     late, gains = TURNS + model.sensor_delay, []
     for i in range(model.size):
         own = model.loop(i)
-        compliance, robot_compliance = float(own.environment_compliance[0]), float(own.robot_compliance[0])
+        compliance, robot_compliance = float(own.environment_compliance[0]) / stiffer, float(own.robot_compliance[0])
         gains.append(late / (compliance + robot_compliance))
         if own.robot is not None and robot_compliance > 0:
             robot, context = own.robot, own.robot.context_at(own.start)
