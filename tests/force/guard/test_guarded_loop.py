@@ -334,8 +334,8 @@ def test_a_surface_ten_times_as_stiff_is_touched_with_little_more_than_the_large
     law, guard = fc.force.ApproachConfig(speed=speed), GuardConfig(maximum_force=30.0)
     run = outcome(law, 0.8, station=station, guard=guard, model={"environment_compliance": 10.0})
     assert 15.0 < signal(run, "contact_force").max() < 1.2 * 30.0
+    faster = fc.force.ApproachConfig(speed=1.05 * speed)
     with pytest.raises(BadInputError, match=r"10 times the model's \(guard.stiffness_margin\): must be at most"):
-        faster = fc.force.ApproachConfig(speed=1.05 * speed)
         outcome(faster, 0.8, station=station, guard=guard, model={"environment_compliance": 10.0})
 
 
