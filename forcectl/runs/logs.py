@@ -27,7 +27,7 @@ from forcectl.analysis.force_metrics import model_response
 from forcectl.conventions import SIGNALS, TRUTH, unit_of
 from forcectl.diagrams.derived import SOURCES, Derived
 from forcectl.errors import BadInputError, one_line
-from forcectl.force.guard.kernel import Cause, Reaction
+from forcectl.force.guard.limits import Cause, Reaction
 from forcectl.qp.quadratic_program import Status
 from forcectl.runs.directory import write_file
 from forcectl.scenario.scenario import Scenario

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.analysis.stretches import stretches
-from forcectl.force.guard.kernel import Cause, Reaction
+from forcectl.force.guard.limits import Cause, Reaction
 
 Codes = NDArray[np.int64]
 

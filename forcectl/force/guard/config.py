@@ -13,7 +13,7 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.force.guard.estimate import estimate_of, largest_jump, quiet_bandwidth
 from forcectl.force.guard.first_touch import TURNS, touch_gain
 from forcectl.force.guard.guard import ControllerGuard
-from forcectl.force.guard.kernel import GuardLimits
+from forcectl.force.guard.limits import GuardLimits
 from forcectl.force.guard.passes import passes
 from forcectl.force.guard.steps import DisplacementSteps, JointSteps
 from forcectl.force.kinematic_inversion import joint_direction

@@ -1,4 +1,4 @@
-"""The guard of a controller: a block between readings, controller and plant, see `forcectl.force.guard.kernel`."""
+"""The guard of a controller: a block between readings, controller and plant, see `readings` and `reaction`."""
 
 from __future__ import annotations
 
@@ -9,27 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from forcectl.force.guard.kernel import (
-    BLOCK,
-    DESIRED,
-    FAST,
-    FAULT,
-    LOOP,
-    NEW_LOOP,
-    READING,
-    RELEASED,
-    Cause,
-    GuardLimits,
-    Numbers,
-    Steps,
-    decide,
-    read,
-)
+from forcectl.force.guard.limits import Cause, GuardLimits, Numbers
+from forcectl.force.guard.reaction import BLOCK, Steps, decide
+from forcectl.force.guard.readings import LOOP, LoopMemory, read
 from forcectl.framework.batch import check
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import all_finite
 
 Array = NDArray[np.float64]
+
+_FAULT, _RELEASED, _READING, _ASKED, _FAST = map(
+    LoopMemory._fields.index, ("fault", "released", "reading", "asked", "fast")
+)
 
 
 class ControllerGuard(PythonBlock):
@@ -87,7 +78,7 @@ class ControllerGuard(PythonBlock):
         self._block = int(block_state)
         reads: set[Any] = {self.time_ticket(), self.discrete_state_ticket(block_state)}
         if loops:
-            loops_state = self.DeclareDiscreteState(NEW_LOOP * loops)
+            loops_state = self.DeclareDiscreteState(LoopMemory() * loops)
             self._memory = int(loops_state)
             self._desired = self.DeclareVectorInputPort("desired_force", loops)
             self._measured = self.DeclareVectorInputPort("measured_force", loops)
@@ -126,14 +117,14 @@ class ControllerGuard(PythonBlock):
             first = last < 0.0
             if k == 1:
                 depth = self._steps.depths(block[: self._m])[0]
-                memory = read(limits, first, memory, desired.item(), measured.item(), depth)
-                output.SetFromVector(np.array([memory[DESIRED], memory[READING], *memory]))
+                loop = read(limits, first, memory, desired.item(), measured.item(), depth)
+                output.SetFromVector(np.array([loop.asked, loop.reading, *loop]))
                 return
             depths = self._steps.depths(block[: self._m])
             rows = [memory[i : i + LOOP] for i in range(0, k * LOOP, LOOP)]
             every = zip(self._each, [first] * k, rows, desired.tolist(), measured.tolist(), depths, strict=True)
             memory = [number for each in every for number in read(*each)]
-        output.SetFromVector(np.array(memory[DESIRED::LOOP] + memory[READING::LOOP] + memory))
+        output.SetFromVector(np.array(memory[_ASKED::LOOP] + memory[_READING::LOOP] + memory))
 
     def put_guarded(self, context: Context, output: BasicVector) -> None:
         """Guarded command, status, the memory after the tick, and the rate of the command."""
@@ -172,9 +163,9 @@ class ControllerGuard(PythonBlock):
             return self._of_arms(context), 1.0, 0.0
         forces = self._forces.Eval(context)
         if k == 1:
-            return forces.item(2 + FAULT), forces.item(2 + RELEASED), forces.item(2 + FAST)
+            return forces.item(2 + _FAULT), forces.item(2 + _RELEASED), forces.item(2 + _FAST)
         memory = forces[2 * k :]
-        every = (memory[FAULT::LOOP].max(), memory[RELEASED::LOOP].min(), memory[FAST::LOOP].max())
+        every = (memory[_FAULT::LOOP].max(), memory[_RELEASED::LOOP].min(), memory[_FAST::LOOP].max())
         return tuple(each.item() for each in every)
 
     def _of_arms(self, context: Context) -> float:

@@ -1,11 +1,12 @@
-"""Whether a guard would have passed on all of a run without one: `kernel.read` for every tick of a log at once."""
+"""Whether a guard would have passed on all of a run without one: `readings.read` for every tick of a log at once."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.force.guard.kernel import FELT, STIFFER, TOGETHER, GuardLimits
+from forcectl.force.guard.limits import GuardLimits
+from forcectl.force.guard.readings import FELT, STIFFER, TOGETHER
 
 Array = NDArray[np.float64]
 

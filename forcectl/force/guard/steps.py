@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.force.guard.kernel import Numbers
+from forcectl.force.guard.limits import Numbers
 
 Array = NDArray[np.float64]
 

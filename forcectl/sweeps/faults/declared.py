@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from forcectl.errors import BadInputError, unknown
-from forcectl.force.guard.kernel import Cause
+from forcectl.force.guard.limits import Cause
 from forcectl.framework.yaml_tree import Tagged
 from forcectl.qp.solvers import UNCONVERGED, solver_choices
 from forcectl.scenario.scenario import Scenario

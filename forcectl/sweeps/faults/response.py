@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.analysis.findings.guard import guard_codes
-from forcectl.force.guard.kernel import Cause
+from forcectl.force.guard.limits import Cause
 from forcectl.scenario.scenario import Scenario
 from forcectl.sweeps.faults.declared import SOUND, DeclaredFault
 

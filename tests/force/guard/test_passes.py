@@ -7,8 +7,9 @@ import pytest
 from scipy.signal import lfilter
 
 from forcectl.force.guard.estimate import estimate_of, largest_jump
-from forcectl.force.guard.kernel import FAULT, NEW_LOOP, GuardLimits, read
+from forcectl.force.guard.limits import GuardLimits
 from forcectl.force.guard.passes import passes
+from forcectl.force.guard.readings import LoopMemory, read
 
 PERIOD, RANGE, STEP, TICKS = 0.002, 50.0, 0.004, 600
 
@@ -47,10 +48,10 @@ def limits(bandwidth: float, noisy: bool, compliance: float = 1.0, energy: float
 
 
 def by_ticks(guard: GuardLimits, desired: np.ndarray, measured: np.ndarray, command: np.ndarray) -> bool:
-    loop, before = NEW_LOOP, 0.0
+    loop, before = LoopMemory(), 0.0
     for tick, (wanted, reading, after) in enumerate(zip(desired, measured, command, strict=True)):
         loop = read(guard, tick == 0, loop, wanted, reading, before)
-        if loop[FAULT] or not abs(after - before) <= STEP:
+        if loop.fault or not abs(after - before) <= STEP:
             return False
         before = after
     return True
