@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import Field, fields
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -149,14 +149,12 @@ def _check_forces(scenario: Scenario, period: float) -> None:
             raise invalid(
                 f"controller.{name}", least, f"below guard.maximum_force = {maximum:g} N: no force gets there"
             )
-    for key, part in _configs(scenario.controller, "controller"):
-        for field in fields(part):  # type: ignore[arg-type]
-            value = getattr(part, field.name)
-            if field.name == "minimum_force" and value >= largest > 0 and value != default_of(field):
-                raise invalid(f"{key}.minimum_force", value, f"below the largest desired force, {largest:g} N")
-            if field.name == "upper_limit" and key_of(field).unit == "N" and value < largest:
-                allowed = f"at least the largest desired force, {largest:g} N: upper_force is what keeps below it"
-                raise invalid(f"{key}.upper_limit", value, allowed)
+    for key, field, value in _values(scenario.controller, "controller", "N"):
+        if field.name == "minimum_force" and value >= largest > 0 and value != default_of(field):
+            raise invalid(key, value, f"below the largest desired force, {largest:g} N")
+        if field.name == "upper_limit" and value < largest:
+            allowed = f"at least the largest desired force, {largest:g} N: upper_force is what keeps below it"
+            raise invalid(key, value, allowed)
     stated = scenario.findings.largest_force
     if stated is not None and stated < largest:
         raise invalid("findings.largest_force", stated, f"at least the largest desired force, {largest:g} N")
@@ -166,13 +164,11 @@ def _check_frequencies(scenario: Scenario, period: float) -> None:
     """What is sampled once in a control tick [s] has less than half its frequency."""
     for name in ("reference", "motion", "controller"):
         for key, part in _configs(getattr(scenario, name), name):
-            for field in fields(part):  # type: ignore[arg-type]
-                if key_of(field).unit != "Hz":
-                    continue
+            for name_of, field, value in _own_values(part, key, "Hz"):
                 fastest = 0.5 / period / getattr(part, f"{field.name}_spread", 1.0)
-                if (value := getattr(part, field.name)) >= fastest:
+                if value >= fastest:
                     half = f"below {fastest:.4g} Hz, half the rate of control with its tick of {period:g} s"
-                    raise invalid(join(key, field.name), value, half)
+                    raise invalid(name_of, value, half)
 
 
 def _check_loads(scenario: Scenario, loop: Loop) -> None:
@@ -195,11 +191,10 @@ def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
 
 def _check_rate(key: str, law: Any, period: float) -> None:
     """In a tick a law goes less than twice as far as it is away: its loop would not settle."""
-    for field in fields(law) if isinstance(law, Config) else ():  # type: ignore[arg-type]
-        fast = field.name in _RATES and key_of(field).unit in ("1/s", "rad/s")
-        if fast and (value := getattr(law, field.name)) * period >= 2:
+    for name, field, value in _own_values(law, key, "1/s", "rad/s"):
+        if field.name in _RATES and value * period >= 2:
             allowed = f"below {2 / period:g} {key_of(field).unit}, two over the control tick of {period:g} s"
-            raise invalid(f"{key}.{field.name}", value, allowed)
+            raise invalid(name, value, allowed)
 
 
 def _check_reach(scenario: Scenario) -> None:
@@ -214,9 +209,9 @@ def _check_reach(scenario: Scenario) -> None:
             allowed = f"at least {gap / controller.speed:.4g} s, which speed takes for surface.gap = {gap:g} m"
             raise invalid("controller.timeout", controller.timeout, allowed)
         return
-    for field in fields(controller) if isinstance(controller, Config) else ():  # type: ignore[arg-type]
-        if field.name == "lower_limit" and key_of(field).unit == "m" and -controller.lower_limit <= gap:
-            raise invalid("controller.lower_limit", controller.lower_limit, f"below -{gap:g} m, where the surface is")
+    for key, field, value in _own_values(controller, "controller", "m"):
+        if field.name == "lower_limit" and -value <= gap:
+            raise invalid(key, value, f"below -{gap:g} m, where the surface is")
 
 
 def _check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
@@ -224,12 +219,8 @@ def _check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
 
     A limit that is nearer than `_DEEPEST` is one on purpose. Of several laws the deepest limit counts.
     """
-    limits = [
-        -getattr(law, field.name)
-        for _, law in _configs(scenario.controller, "controller")
-        for field in fields(law)  # type: ignore[arg-type]
-        if field.name == "lower_limit" and key_of(field).unit == "m"
-    ]
+    every = _values(scenario.controller, "controller", "m")
+    limits = [-value for _, field, value in every if field.name == "lower_limit"]
     largest = scenario.reference.largest_force()
     if not limits or largest <= 0:
         return
@@ -290,32 +281,39 @@ def _check_effects(scenario: Scenario) -> None:
 
 def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
     """Dotted keys of when something begins, and that time [s]."""
-    for key, part in _configs(scenario.controller, "controller"):
-        if any(field.name == "time" and key_of(field).unit == "s" for field in fields(part)):  # type: ignore[arg-type]
-            yield join(key, "time"), part.time  # type: ignore[attr-defined]  # of a target
+    for key, field, start in _values(scenario.controller, "controller", "s"):
+        if field.name == "time":  # of a target
+            yield key, start
     for name in _TIMED:
-        for key, part in _configs(getattr(scenario, name), name):
-            for field in fields(part):  # type: ignore[arg-type]
-                if field.name not in _STARTS or key_of(field).unit != "s":
-                    continue
-                start = getattr(part, field.name)
-                if isinstance(start, list):
-                    each = start if name == "reference" else start[:1]  # the last speed of a motion lasts on
-                    yield from ((f"{key}.{field.name}.{i}", float(time)) for i, time in enumerate(each))
-                elif isinstance(start, int | float):
-                    yield join(key, field.name), float(start)
+        for key, field, start in _values(getattr(scenario, name), name, "s"):
+            if field.name not in _STARTS:
+                continue
+            if isinstance(start, list):
+                each = start if name == "reference" else start[:1]  # the last speed of a motion lasts on
+                yield from ((f"{key}.{i}", float(time)) for i, time in enumerate(each))
+            elif isinstance(start, int | float):
+                yield key, float(start)
 
 
 def _check_lasting(scenario: Scenario) -> None:
     """What takes a while takes less than the run; defaults do so in any but very short ones."""
     for name, lasting in _LASTS.items():
-        for key, part in _configs(getattr(scenario, name), name):
-            for field in fields(part):  # type: ignore[arg-type]
-                if field.name not in lasting or key_of(field).unit != "s":
-                    continue
-                value = getattr(part, field.name)
-                if value != default_of(field) and value >= scenario.duration:
-                    raise invalid(join(key, field.name), value, f"below duration = {scenario.duration:g} s")
+        for key, field, value in _values(getattr(scenario, name), name, "s"):
+            if field.name in lasting and value != default_of(field) and value >= scenario.duration:
+                raise invalid(key, value, f"below duration = {scenario.duration:g} s")
+
+
+def _values(part: Any, key: str, *units: str) -> Iterator[tuple[str, Field[Any], Any]]:
+    """Dotted key, declaration and value of what has one of these units, in a configuration and every one within it."""
+    for each_key, each in _configs(part, key):
+        yield from _own_values(each, each_key, *units)
+
+
+def _own_values(part: Any, key: str, *units: str) -> Iterator[tuple[str, Field[Any], Any]]:
+    """The same of a configuration by itself; nothing of what is none."""
+    for field in fields(part) if isinstance(part, Config) else ():  # type: ignore[arg-type]
+        if key_of(field).unit in units:
+            yield join(key, field.name), field, getattr(part, field.name)
 
 
 def _configs(part: Any, key: str) -> Iterator[tuple[str, Config]]:
