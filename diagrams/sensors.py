@@ -8,12 +8,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.errors import BadInputError, check_distinct, invalid
+from forcectl.errors import BadInputError, invalid
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_inputs, export_outputs, made_by, output_names
 from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named, frame_called
-from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig, check_acts
+from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig, check_acts, check_apart
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor, random_cross_talk
@@ -34,7 +34,7 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_distinct("faults", self.faults)
+        check_apart(self.faults)
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> Diagram:
         """Add the block `force_sensor`.

@@ -16,12 +16,13 @@ within a factor of 4. Friction decides how well forces are felt and how a force 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.multibody.tree import JointActuator
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.robot.parameters import DERIVED, ControlParameters
@@ -35,6 +36,7 @@ ACCELERATION_TIME = 0.15  # [s]
 DAMPING_RATIO = 0.04
 COULOMB_SHARE, VISCOUS_SHARE = 0.05, 0.15
 ASSUMED_SET = "assumed"
+_SLOWED = 10.0  # times the largest torque, that friction at the largest speed may be: a slip, and no drive
 LOOP_INERTIA = 0.01, 1e4  # of what a velocity loop is tuned for, to its rotor
 
 
@@ -107,21 +109,27 @@ def completed(
     return made
 
 
-def check_drives(parameters: ControlParameters, torque: Array, file: str) -> None:
+def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuator], file: str) -> None:
     """Refuse drives that cannot overcome their own friction, and loops that are tuned for something else.
 
     Args:
         parameters: with everything that they leave out.
-        torque: limits of the joints, (n,); infinite where none is known.
+        actuators: of the joints, with their limits.
         file: that the parameters are from.
 
     Raises:
         BadInputError: there are such drives.
     """
+    torque = np.array([actuator.effort_limit() for actuator in actuators])
+    speed = np.array([float(actuator.joint().velocity_upper_limits()[0]) for actuator in actuators])
+    slowest = np.where(np.isfinite(speed) & np.isfinite(torque), _SLOWED * torque / speed, np.inf)
     tuned, rotors = parameters.velocity_loop_inertia, parameters.rotor_inertia * parameters.gear_ratio**2
     least, most = LOOP_INERTIA
     if (parameters.coulomb_friction + np.abs(parameters.friction_offset) >= torque).any():
         name, allowed = "coulomb_friction", f"with friction_offset below the torque limits {torque.tolist()}"
+    elif (parameters.viscous_friction > slowest).any():
+        name = "viscous_friction"
+        allowed = f"at most {_SLOWED:g} times torque limits over velocity limits, {slowest.round(1).tolist()}"
     elif tuned.size and ((rotors > 0) & ((tuned < least * rotors) | (tuned > most * rotors))).any():
         name, allowed = "velocity_loop_inertia", f"{least:g} to {most:g} times the rotors, joint side {rotors.tolist()}"
     else:

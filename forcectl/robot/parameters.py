@@ -54,7 +54,7 @@ class MotorCoupling(Config):
 
     motor_of: str = key(meaning="joint whose motor it is")
     driven_by: str = key(meaning="the other joint")
-    factor: float = key(meaning="see above", unit="1", bounds="from -100 to 100")
+    factor: float = key(meaning="see above", unit="1", bounds="from -10 to 10")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -100,7 +100,7 @@ class ControlParameters(Config):
         bounds="from 1e-3 to 100",
     )
     velocity_limit: np.ndarray = key(
-        _empty, "of the joints; empty: the model's", unit="rad/s", bounds="from 1e-5 to 1e3"
+        _empty, "of the joints; empty: the model's", unit="rad/s", bounds="from 1e-5 to 50"
     )
     acceleration_limit: np.ndarray = key(
         _empty, "of the joints; empty: the model's, or assumed", unit="rad/s2", bounds="from 1e-4 to 1e6"

@@ -124,8 +124,7 @@ def add_robot(
     folder, arm = robot_and_arm(robot)
     parameters = load_control_parameters(folder)
     parts = add_robot_with(plant, folder, parameters if arm is None else parameters.only(arm), tool, X_WB)
-    torque = np.array([actuator.effort_limit() for actuator in parts.actuators])
-    check_drives(parts.parameters, torque, parameter_file(folder, ROBOT_PARAMETERS).name)
+    check_drives(parts.parameters, parts.actuators, parameter_file(folder, ROBOT_PARAMETERS).name)
     return parts
 
 

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 LIGHTEST, HEAVIEST = 1e-9, 1e4  # [kg] of a link that moves
 _AWAY = 5.0  # [m] of a link's origin to its centre of mass, at most
-_WIDEST = 10.0  # [m] radius of gyration of a link, at most
+_WIDEST = 5.0  # [m] radius of gyration of a link, at most
 _FAR = 0.5  # of the largest moment of inertia that the others may be short of a body's: a slip, and no estimate
 # Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
 _LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
 _MOST_TURNS = 50.0  # [rad] position limit of a joint that turns; beyond it is one in degrees
+FASTEST = 50.0  # [rad/s] velocity limit of a joint that turns; beyond it is one in degrees per second
 _ROUNDING = 1e-14
 LIMITS = ("lower", "upper", "effort", "velocity")
 _SMALLEST = {"effort": 1e-4, "velocity": 1e-5}  # that are not zero
@@ -31,12 +32,14 @@ class NumberRange:
         largest: each is at most, in size.
         smallest: each is at least, in size.
         signed: they may be below zero.
+        unit: where it is a common slip.
     """
 
     count: int = 1
     largest: float = 1e9
     smallest: float = 0.0
     signed: bool = True
+    unit: str = ""
 
     def words(self) -> str:
         """What is allowed."""
@@ -44,7 +47,7 @@ class NumberRange:
         if math.isinf(self.largest):
             return numbers
         if self.signed and not self.smallest:
-            return f"{numbers} up to {self.largest:g}"
+            return f"{numbers} up to {self.largest:.4g}{self.unit and f' {self.unit}'}"
         return f"{numbers} from {self.smallest:g} to {self.largest:g}{' in size' if self.signed else ''}"
 
     def holds(self, text: str) -> bool:
@@ -56,7 +59,7 @@ class NumberRange:
 
 
 POSITION = NumberRange(3, largest=10.0)  # [m] of a joint or a shape in its link
-TURN = NumberRange(3, largest=100.0)  # [rad]
+TURN = NumberRange(3, largest=4 * math.pi, unit="rad")
 GEAR_RATIO = NumberRange(largest=1e5, smallest=1e-3)
 _ACCELERATION = NumberRange(largest=1e6, smallest=1e-4, signed=False)  # [rad/s2] or [m/s2]
 _ROTOR_INERTIA = NumberRange(largest=10.0, signed=False)  # [kg m2]
@@ -109,6 +112,8 @@ def wrong_limits(limits: Mapping[str, float], turns: bool = False) -> Iterator[s
             yield f"{name} = {value:g}: must be at most {_LARGEST[name]:g} in size, or inf for none"
         elif turns and name in ("lower", "upper") and math.isfinite(value) and abs(value) > _MOST_TURNS:
             yield f"{name} = {value:g}: must be in radians, at most {_MOST_TURNS:g} in size, or inf for none"
+        elif turns and name == "velocity" and FASTEST < value < math.inf:
+            yield f"velocity = {value:g}: must be in rad/s, at most {FASTEST:g}, or inf for none"
         elif 0 < value < _SMALLEST.get(name, 0.0):
             yield f"{name} = {value:g}: must be at least {_SMALLEST[name]:g}, or inf for none"
 

@@ -84,7 +84,11 @@ def _wrong_pose(pose: Element, text: str, far: bool) -> str:
     if pose.get("rotation_format") == "quat_xyzw":
         turn = NumberRange(4)
     else:
-        turn = NumberRange(3, largest=math.degrees(TURN.largest)) if pose.get("degrees") in ("true", "1") else TURN
+        turn = (
+            NumberRange(3, largest=math.degrees(TURN.largest), unit="deg")
+            if pose.get("degrees") in ("true", "1")
+            else TURN
+        )
     right = position.holds(" ".join(parts[:3])) and turn.holds(" ".join(parts[3:]))
     return "" if right else f"{position.words()} and then {turn.words()}"
 

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 LONGEST_DURATION = 86_400.0  # [s]
 _STARTS = ("start", "start_time", "tare_start", "times", "released_at")  # keys that hold when something begins [s]
-_LASTS = {"controller": ("hold",), "station": ("delay", "posture_period")}  # keys of what takes a while to begin [s]
-_OUTLASTS = 20  # times the run, that a file of a reference may last
+# Keys of what takes a while to begin [s].
+_LASTS = {"controller": ("hold",), "station": ("delay", "posture_period"), "guard": ("patience", "frozen_time")}
+_OUTLASTS = 20  # times the run, that a motion, or a file of a reference, may last
 _TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
 _RATES = ("integral_gain", "observer_bandwidth", "adaptation_rate")  # of a law, with which its command changes
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
@@ -60,13 +61,15 @@ def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
     begin, end = scenario.motion.interval() or (0.0, 0.0)
     if end - begin > LONGEST_DURATION:
         raise BadInputError(f" takes {end - begin:.3g} s: must take at most {LONGEST_DURATION:g} s", key="motion")
+    if end > (latest := _OUTLASTS * scenario.duration) and "duration" not in overrides:
+        text = f" ends at {end:.4g} s: must end before {latest:g} s, {_OUTLASTS} times duration"
+        raise BadInputError(text, key="motion")
     if hasattr(scenario.reference, "first_time") and "duration" not in overrides:
         first = scenario.reference.first_time()
         if first >= scenario.duration:
             text = f" begins at {first:g} s: must begin before duration = {scenario.duration:g} s"
             raise BadInputError(text, key="reference.path")
-        last, latest = scenario.reference.last_time(), _OUTLASTS * scenario.duration
-        if last > latest:
+        if (last := scenario.reference.last_time()) > latest:
             text = f" ends at {last:g} s: must end before {latest:g} s, {_OUTLASTS} times duration; times are in s"
             raise BadInputError(text, key="reference.path")
     _check_effects(scenario)
@@ -345,10 +348,21 @@ def _check_directions(scenario: Scenario) -> None:
         if key in normals and hasattr(surface, "direction"):
             used = bool(surface.heights or surface.slope)
             _check_across(f"{key}.surface.direction", surface.direction, normals[key], used)
+            _check_met(scenario, f"{key}.surface.direction", surface)
     if hasattr(scenario.motion, "direction") and len(normals) < 2:
         normal = next(iter(normals.values()), scenario.station.normal)
         used = scenario.motion.interval() is not None
         _check_across("motion.direction", scenario.motion.direction, normal, used)
+
+
+def _check_met(scenario: Scenario, key: str, surface: Any) -> None:
+    """Heights are not all beside the way of a motion along the surface."""
+    if not surface.heights or not hasattr(scenario.motion, "direction") or scenario.motion.interval() is None:
+        return
+    d, along = np.asarray(surface.direction, dtype=float), np.asarray(scenario.motion.direction, dtype=float)
+    if abs(d @ along) <= _PARALLEL * np.linalg.norm(d) * np.linalg.norm(along):
+        allowed = f"not across motion.direction = {scenario.motion.direction}, which meets no heights then"
+        raise invalid(key, surface.direction, allowed)
 
 
 def _check_across(key: str, direction: Sequence[float], normal: Sequence[float], used: bool) -> None:

@@ -149,6 +149,11 @@ def _show_result(result: SweepResult, report: bool, as_json: bool, quiet: bool) 
         typer.echo(f"results in {result.directory}: trials.parquet{', report.html' if report else ''}")
         if set(counts) & {"pending", "lost", "running"}:
             typer.echo(f"go on with: forcectl sweep {result.directory} --resume")
+    failed = result.table[result.table["state"] == "failed"]
+    if len(failed):
+        one = failed.iloc[0]
+        others = f"; {len(failed) - 1} other{'s' * (len(failed) > 2)} failed" if len(failed) > 1 else ""
+        print(f"error: trial {one['trial']} failed: {one['reason']}{others}", file=sys.stderr)
     if set(counts) - {"done"}:
         raise typer.Exit(1)
 

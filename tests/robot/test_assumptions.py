@@ -101,6 +101,11 @@ def test_a_limit_that_is_missing_alone_is_told(tmp_path):
             "coulomb_friction: [0, 1e5, 0]",
             r"coulomb_friction = \[0\.0, 100000\.0, 0\.0\]",
         ),
+        (
+            "viscous_friction: [0, 0, 0]",
+            "viscous_friction: [0, 400, 0]",
+            r"viscous_friction .* at most 10 times torque lim",
+        ),
         ("period: 0.004", "period: 0.004\nfriction_offset: [0, 0, -50]", r"coulomb_friction .* friction_offset below"),
         (
             "period: 0.004",

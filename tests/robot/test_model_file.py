@@ -60,7 +60,7 @@ WRONG = [
     ("<ixx>0.1<", "<ixx>nan<", "line 5: inertia ixx = 'nan': must be a number up to 1e+09"),
     ("<pose>0.1 0", "<pose>50 0", "link 'hand': centre of mass 50 m from its origin: must be at most 5 m"),
     ("<pose>0 0 0.1", "<pose>1e6 0 0", "line 3: pose of link 'hand' = '1e6 0 0 0 0 0': must be 3 numbers up to 10"),
-    ("<pose>0 0 0.1", "<pose degrees='1'>0 1e9 0 0", "must be 3 numbers up to 10 and then 3 numbers up to 5729.58"),
+    ("<pose>0 0 0.1", "<pose degrees='1'>0 1e9 0 0", "must be 3 numbers up to 10 and then 3 numbers up to 720 deg"),
     ("<pose>0 0 0.1", "<pose rotation_format='quat_xyzw'>0 0 0", "up to 10 and then 4 numbers up to 1e+09"),
     ("<xyz>0 0 1<", "<xyz>0 0 1e-300<", "line 8: joint 'wrist': axis is zero: must be a direction"),
     ("<lower>-1<", "<lower>nan<", "line 8: limit lower = 'nan': must be a number"),

@@ -100,7 +100,7 @@ MISTAKES = [
         "period: 0.004\ntorque_limit: [1e-9, 1, 1]",
         "torque_limit = [1e-09, 1.0, 1.0]: must be from 1e-4",
     ),
-    ("period: 0.004", "period: 0.004\nvelocity_limit: [1e-9, 1, 1]", "must be from 1e-5 to 1e3"),
+    ("period: 0.004", "period: 0.004\nvelocity_limit: [1e-9, 1, 1]", "must be from 1e-5 to 50"),
     ("period: 0.004", "period: 0.004\nacceleration_limit: [1e-9, 1, 1]", "must be from 1e-4 to 1e6"),
     ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1e-12, 1, 1]", "must be from 1e-6 to 1e4"),
     (
@@ -111,7 +111,7 @@ MISTAKES = [
     *[
         ("period: 0.004", f"period: 0.004\nmotor_coupling: [{coupling}]", message)
         for coupling, message in [
-            ("{motor_of: elbow, driven_by: wrist, factor: 1e6}", "factor = 1000000.0: must be from -100 to 100"),
+            ("{motor_of: elbow, driven_by: wrist, factor: 1e6}", "factor = 1000000.0: must be from -10 to 10"),
             (
                 "{motor_of: elbow, driven_by: wrist, factor: 1}, {motor_of: elbow, driven_by: wrist, factor: 2}",
                 "motor_coupling.1 = ['elbow', 'wrist']: must be another pair than those before",

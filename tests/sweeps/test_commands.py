@@ -50,7 +50,10 @@ def test_a_shard_without_trials_says_so(forcectl, tmp_path):
 def test_failed_trials_give_exit_code_1(forcectl, tmp_path):
     file = write(tmp_path, overrides=small()["overrides"] | FAILING, arms={}, keys={STIFFNESS: [1e5, 2e5]})
     code, out, err = forcectl("sweep", file, "--out", "out", "--engine", "sequential")
-    assert (code, out.splitlines()[0], err) == (1, "2 failed", "")
+    assert (code, out.splitlines()[0]) == (1, "2 failed")
+    assert err.startswith("error: trial 0 failed: ")
+    assert "diverges" in err
+    assert err.endswith("; 1 other failed\n")
     assert "diverges" in (tmp_path / "out" / "report.html").read_text()
     code, _, err = forcectl("sweep", file, "--out", "fast", "--engine", "sequential", "--fail-fast", "--no-report")
     assert code == 1

@@ -26,6 +26,7 @@ _SWINGS = 4  # that make a limit cycle: two periods
 _GROWING = 6  # swings that tell growth from chance
 _WILD = 0.5  # of the reference, from which on swings to both sides are an error
 _DISTURBED = 0.2  # of the reference, by which a force that had settled is taken off it
+_AWAY = 0.5  # [s] for which a force in motion is further off than its reference; a peak at an obstacle is shorter
 _APPROACHING = 0.9  # share that the error falls to over the last tenths of a hold, where the force is on its way
 
 
@@ -55,7 +56,8 @@ def _holds(log: Pressing) -> list[slice]:
 
 
 def moving_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
-    """Swings that no change explains: in motion along an even surface, and beside a reference that varies."""
+    """What no change explains: swings in motion along an even surface and beside a reference that varies, and a force
+    that stays far off in motion."""
     found: list[RunFinding] = []
     same = np.concatenate([[False], np.diff(log.desired) == 0]) & (log.desired > 0)
     for part in _long(log, log.sliding & same):
@@ -64,11 +66,23 @@ def moving_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFindin
         if swings is not None:
             one = _swings(swings, time, true, wanted, config)
             found.append(replace(one, text=f"{one.text}, in motion along the surface"))
+    for part in stretches(log.regulated & log.moves & same):
+        found += _far_off(log, part)
     varies = np.concatenate([[False], np.diff(log.desired) != 0]) & (log.desired > 0)
     for part in _long(log, (log.closed | log.sliding) & varies):
         found += _beside(log, part)
     for kind in dict.fromkeys(one.kind for one in found):
         yield max((one for one in found if one.kind == kind), key=lambda one: one.severity)
+
+
+def _far_off(log: Pressing, part: slice) -> Iterator[RunFinding]:
+    """Whether the force, in motion along a surface, stays off its constant reference by more than that."""
+    time, error = log.time[part], np.abs(log.desired - log.true)[part]
+    away = [each for each in stretches(error > log.desired[part]) if lasts(time, each) >= _AWAY]
+    if away:
+        begin, total = float(time[away[0].start]), sum(lasts(time, each) for each in away)
+        text = f"in motion along the surface the true force is up to {error.max():.3g} N off its constant reference"
+        yield finding("force_disturbed", f"{text}, by more than that for {total:.3g} s, from {begin:.3f} s on", begin)
 
 
 def _beside(log: Pressing, part: slice) -> Iterator[RunFinding]:

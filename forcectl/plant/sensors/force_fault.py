@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ KINDS = ("nan", "inf", "value", "frozen", "lost", "jitter", "scale", "noise")
 _ROUNDING = 1e-9  # [s] of the times of ticks
 _SHORTEST = 0.1  # of a tick, that one reading may be wrong for
 _LONGEST = 0.1  # [s] delay of a reading
+_INSTEAD = {"nan", "inf", "value", "frozen"}  # nothing of the reading is left
 _WITHOUT_VALUE = ("nan", "inf", "frozen", "lost")
 
 
@@ -99,6 +101,24 @@ def check_acts(key: str, start: float, duration: float, period: float) -> None:
     first = math.ceil((start - _ROUNDING) / period) * period  # tick from the start on
     if duration < _SHORTEST * period or first + _ROUNDING >= start + duration:
         raise invalid(key, duration, f"at least a control tick, {period:g} s")
+
+
+def check_apart(faults: Sequence[ForceFaultConfig]) -> None:
+    """Refuse a fault that stands twice, and two at one time of which each leaves nothing of the reading.
+
+    Args:
+        faults: in the order in which they act.
+
+    Raises:
+        BadInputError: about the start of the later one, at its key from `faults` on.
+    """
+    for i, fault in enumerate(faults):
+        for before in faults[:i]:
+            end = before.start + before.duration
+            overlaps = fault.start < end and before.start < fault.start + fault.duration
+            if fault == before or (overlaps and {fault.kind, before.kind} <= _INSTEAD):
+                text = f"before or after the fault {before.kind} from {before.start:g} s to {end:g} s"
+                raise invalid(f"faults.{i}.start", fault.start, text)
 
 
 class FaultyForce(SampledBlock):

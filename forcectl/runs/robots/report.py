@@ -184,9 +184,8 @@ def _examine(report: RobotReport, model: Path, keys: Tagged) -> None:
     parameters = Reader().dataclass(ControlParameters, Tagged(values | {name: some[name] for name in unknown}))
     explorer = Explorer(report.folder, parameters)
     if not {"velocity_limit", "torque_limit"} & unknown:
-        torque = np.array([actuator.effort_limit() for actuator in explorer.parts.actuators])
         origin = next(report.folder.glob(ROBOT_PARAMETERS), model)
-        check_drives(explorer.parts.parameters, torque, origin.name)
+        check_drives(explorer.parts.parameters, explorer.parts.actuators, origin.name)
     parameters, found = explorer.parts.parameters, explorer.explore(parameters.characteristic_length)
     posture = found.posture if "default_posture_deg" in unknown else parameters.default_posture
     robot = report.robot = Understood(parameters, explorer, found, posture)

@@ -48,6 +48,20 @@ def test_a_loop_that_swings_while_the_tool_slides_over_a_plane_says_so() -> None
     assert "limit_cycle" not in kinds(**SLIDES, **rough, **{GAIN: 2.0})
 
 
+def test_a_force_that_stays_far_off_while_the_tool_moves_is_told() -> None:
+    slope = {"station.environment.surface": SurfaceConfig(slope=0.3)}
+    one = kinds(**SLIDES, **slope, **{GAIN: 0.5, "motion.slope": -0.3})["force_disturbed"]
+    assert one.text.startswith("in motion along the surface the true force is up to ")
+    assert "force_disturbed" not in kinds(**SLIDES, **slope, **{GAIN: 2.0, "motion.slope": 0.3})
+
+
+def test_a_peak_in_motion_is_no_force_that_stays_off() -> None:
+    flat, law = np.full_like(TIME, 10.0), np.ones(len(TIME), dtype=bool)
+    for lasts, found in ((0.3, []), (0.7, ["force_disturbed"])):
+        true = np.where((TIME >= 1.0) & (1.0 + lasts > TIME), 25.0, 10.0)
+        assert [one.kind for one in judged(true, desired=flat, closed=~law, moves=law)] == found
+
+
 def test_swings_beside_a_reference_are_counted_and_measured() -> None:
     (one,) = judged(SINE + 1.5 * SWING, desired=SINE)
     assert one.kind == "swings_beside_reference"
