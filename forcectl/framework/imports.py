@@ -23,6 +23,7 @@ from forcectl.errors import BadInputError, invalid, one_line, show, unknown
 OPTION = "--allow-imports"
 _OWN = "forcectl"
 _STANDARD = "of a module of your own or of an installed package, not of Python's standard library"
+_OF_PYTHON = ("__main__", "__builtins__", "sitecustomize", "usercustomize")  # which Python's start-up imports itself
 _beside: dict[str, Path] = {}  # modules that were loaded from beside a scenario, and its folder
 
 
@@ -192,7 +193,7 @@ def _files(spec: ModuleSpec) -> list[Path]:
 
 
 def _is_standard(module: str) -> bool:
-    return module.partition(".")[0] in (*sys.stdlib_module_names, "__main__", "__builtins__")
+    return module.partition(".")[0] in (*sys.stdlib_module_names, *_OF_PYTHON)
 
 
 def settings_file() -> Path:

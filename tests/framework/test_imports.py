@@ -61,7 +61,9 @@ def test_a_folder_beside_the_scenario_does_not_stand_for_a_module_elsewhere(fold
     refused(Imports(folder), "of_the_test_four.laws:Law", "or named by --allow-imports of_the_test_four")
 
 
-@pytest.mark.parametrize("path", ["os:system", "builtins:exec", "__main__:x", "antigravity:webbrowser", "os.path:join"])
+@pytest.mark.parametrize(
+    "path", ["os:system", "builtins:exec", "__main__:x", "sitecustomize:X", "antigravity:webbrowser", "os.path:join"]
+)
 def test_nothing_of_the_standard_library_is_allowed_whoever_asks(folder, path):
     for rules in (Imports(folder), Imports(folder, (path.partition(":")[0],)), Imports(every=True)):
         refused(rules, path, "not of Python's standard library")
