@@ -174,7 +174,7 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
                 first, *rest = str(key).split(".")
                 if first in _OF_ALL:
                     raise BadInputError(f" has {first} of its own: must not", key=f"variants.{name}")
-                if rest and _written(changes, [first, *rest]):
+                if rest and _holds(changes, [first, *rest]):
                     raise BadInputError(" stands twice: must stand once", key=f"variants.{name}.{key}")
         check_different("variants", {name: changes or Tagged() for name, changes in variants.items()})
     except BadInputError as error:
@@ -182,14 +182,6 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     if variant is not None and variant not in variants:
         raise unknown(f"variant of {file.origin}", variant, variants)
     return list(variants) if variant is None else [variant]
-
-
-def _written(tree: Tree, parts: list[str]) -> bool:
-    for part in parts:
-        if not isinstance(tree, Tagged) or part not in tree:
-            return False
-        tree = tree[part]
-    return True
 
 
 def check_names(kind: str, names: Iterable[str]) -> None:

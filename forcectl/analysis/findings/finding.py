@@ -92,8 +92,8 @@ KINDS: dict[str, Kind] = {
     ),
     "force_disturbed": Kind(
         Severity.WARNING,
-        "the true force had settled, and was taken off its constant reference by more than a fifth; or, in motion along "
-        "a surface, it stays off by more than the reference for half a second",
+        "the true force had settled, and was taken off its constant reference by more than a fifth; or, in motion "
+        "along a surface, it stays off by more than the reference for half a second",
     ),
     "stick_slip": Kind(Severity.WARNING, "a joint sticks and lets go, again and again, while its command moves on"),
     "not_settled": Kind(
