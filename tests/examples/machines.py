@@ -79,7 +79,7 @@ def peg_machine() -> StateMachine:
 def random_modes(rng: np.random.Generator) -> Modes:
     """Five modes and two ends, with guards of all kinds; timeouts lead on to the ends, guards anywhere."""
     names, guards = list("abcde"), ["x > 0.6", "abs(p.u) < 0.3 and x < 0.9", "p.w > 0.2 or p.u > 0.95",
-                                    "time > 0.04", "not (x > 0.2)", "visits > 2 and x > 0"]  # fmt: skip
+                                    "time > 0.04", "not (x > 0.2)", "visits * x > 1.2"]  # fmt: skip
     modes = {}
     for i, name in enumerate(names):
         others = [other for other in [*names, "done"] if other != name]

@@ -26,6 +26,11 @@ REFUSED = [
     ("peg_in_hole", f"{ALIGN}.touching=[[a, b]]", f"{ALIGN}.touching.0: unknown shape 'a': known: "),
     ("peg_in_hole", f"{ALIGN}.end=succes", f"{ALIGN}.end: unknown end 'succes': did you mean 'success'? known: '', s"),
     ("peg_in_hole", f"{ALIGN}.on_timeout=''", f"{ALIGN}.on_timeout is missing: must be the mode that begins after the"),
+    (
+        "peg_in_hole",
+        "controller.modes.align.exits=[{when: insert_force.force_z > 5000, to: settle}]",
+        "controller.modes.align.exits.0.when = 'insert_force.force_z > 5000' is always false, as the motors hold far le",
+    ),
     ("peg_in_hole", "controller.motion_limits.jerk=1e-8", f"controller.motion_limits.{NEAR}"),
     ("peg_in_hole", f"{ALIGN}.motion_limits={{speed: 0.075, jerk: 1e-8}}", f"{ALIGN}.motion_limits.{NEAR}"),
     (

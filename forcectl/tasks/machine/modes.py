@@ -6,7 +6,9 @@ A machine is refused, in one line with the key, when
 * a mode is neither an end nor has a timeout, is both, or cannot be reached from the start;
 * the timeouts alone do not lead from each mode to an end: a machine none of whose guards ever holds ends, too;
 * a guard compares nothing with a signal, or cannot hold before the timeout; a second one is the same as the first;
-* a comparison in a guard comes out the same whatever the signals are;
+* a comparison in a guard comes out the same whatever the signals are, or counts visits of a mode that nothing leads
+  back to;
+* the timeout of a mode leads to a success that one of its guards leads to: nothing would depend on that guard;
 * a guard holds from the first tick of its mode on, or one of `always` from the first tick of the machine on;
 * no mode is a success, or a failure has no reason, or another mode has one;
 * a name of a mode is not made of letters, digits and _, or a gripper is neither open nor closed.
@@ -28,6 +30,7 @@ LONGEST_GAP = 0.05  # [s]
 _SWITCHES = ("reached", "stalled", "holding", "gripper_holds")  # signals that are 0 or 1
 _SOON = 1e-9  # [s] after something began: guards are first looked at a tick later
 _RANGES = {"time": (0.0, math.inf), "elapsed": (_SOON, math.inf), "visits": (1.0, math.inf)}
+_ONCE = {"visits": (1.0, 1.0)}
 _AT_ONCE = {"time": (0.0, _SOON)}
 _AT_START = {"time": (0.0, _SOON), "elapsed": (_SOON, _SOON), "visits": (1.0, 1.0)}
 
@@ -96,6 +99,36 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
             raise BadInputError(f"cannot be reached from {start!r}: no transition leads there", key=f"modes.{name}")
     for name in modes:
         _check_timeouts(name, modes)
+    once = [
+        name for name, mode in modes.items() if mode.end or name not in _reached(modes, [*_targets(mode), *anywhere])
+    ]
+    for name in once:
+        check_able(f"modes.{name}.exits", modes[name].exits, _ONCE, f"nothing leads back to {name}: visits is 1")
+    if len(once) == len(modes):
+        check_able("always", always, _ONCE, "nothing leads back to any mode: visits is 1")
+
+
+def check_able(
+    place: str, exits: Sequence[ExitConfig], ranges: Mapping[str, tuple[float, float]], because: str
+) -> None:
+    """Refuse guards with a comparison that no values within ranges fulfil.
+
+    Args:
+        place: key of the exits.
+        exits: with the guards.
+        ranges: lowest and highest value of names; others may have any.
+        because: why they are, for the message.
+
+    Raises:
+        BadInputError: about the guard.
+    """
+    for i, exit_ in enumerate(exits):
+        condition = Expression(exit_.when, f"{place}.{i}.when")
+        for part, holds in condition.settled(ranges):
+            if not holds:
+                shown = "" if part == condition.text.strip() else f": {part!r}"
+                fault = f" = {condition.text!r}{shown} is always false, as {because}: must be able to hold"
+                raise BadInputError(fault, key=f"{place}.{i}.when")
 
 
 def machine_chart(
@@ -164,6 +197,9 @@ def _check_ways(place: str, name: str, mode: MachineModeConfig, modes: Modes) ->
         _check_mode(key, target, modes)
         if target == name:
             raise invalid(key, target, "another mode than this one")
+    if modes[mode.on_timeout].end == "success" and mode.on_timeout in [exit_.to for exit_ in mode.exits]:
+        allowed = "another mode than the success that a guard leads to: else it is one whether that holds or not"
+        raise invalid(f"{place}.on_timeout", mode.on_timeout, allowed)
     _check_guards(f"{place}.exits", mode.exits, mode.timeout)
 
 
@@ -206,9 +242,13 @@ def _reached(modes: Modes, begins: Sequence[str]) -> set[str]:
         name = waiting.pop()
         if name not in reached:
             reached.add(name)
-            mode = modes[name]
-            waiting += [exit_.to for exit_ in mode.exits] + ([mode.on_timeout] if mode.on_timeout else [])
+            waiting += _targets(modes[name])
     return reached
+
+
+def _targets(mode: MachineModeConfig) -> list[str]:
+    """Names of the modes that its own transitions lead to."""
+    return [exit_.to for exit_ in mode.exits] + [mode.on_timeout] * bool(mode.on_timeout)
 
 
 def _check_timeouts(name: str, modes: Modes) -> None:

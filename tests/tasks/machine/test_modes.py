@@ -52,6 +52,14 @@ BAD = {
         ),
         "modes.stopping.on_timeout = 'compliant': must lead to an end by timeouts alone, not around compliant, stop",
     ),
+    "visits of a mode that begins once": (
+        changed("approach", exits=[exit_to("compliant", "insert.z < 0.002 and visits > 3")]),
+        "modes.approach.exits.0.when = 'insert.z < 0.002 and visits > 3': 'visits > 3' is always false, as nothing le",
+    ),
+    "a success that is one anyway": (
+        changed("opening", on_timeout="inserted"),
+        "modes.opening.on_timeout = 'inserted': must be another mode than the success that a guard leads to",
+    ),
     "a gripper ajar": (changed("opening", grippers={"right": "ajar"}), "modes.opening.grippers.right = 'ajar'"),
     "a name with a blank": (lambda modes: modes | {"hold on": end("success")}, "modes = 'hold on': must be named by"),
 }
@@ -90,6 +98,16 @@ def test_a_machine_that_is_one_is_not_refused():
     """Rings of guards are allowed, and timeouts that lead back where others lead on."""
     check_modes(peg(), "approach")
     check_modes(changed("stopping", on_timeout="approach")(peg()), "approach")
+
+
+def test_visits_are_counted_where_something_leads_back():
+    again = exit_to("stuck", "visits > 3")
+    with pytest.raises(BadInputError, match=r"^always\.0\.when = 'visits > 3' is always false, as nothing leads back"):
+        check_modes(cap(), "approach", "no_reading", [replace(again, to="failed")])
+    check_modes(peg(), "approach", always=[again])
+    modes = changed("approach", exits=[exit_to("compliant", "insert.z < 0.002"), again])(peg())
+    check_modes(changed("stopping", on_timeout="approach")(modes), "approach")
+    check_modes(changed("opening", exits=[], on_timeout="inserted")(peg()), "approach")  # as long as the timeout
 
 
 def test_the_mode_of_bad_signals_is_reached_without_an_exit():

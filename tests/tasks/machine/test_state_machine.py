@@ -38,7 +38,7 @@ GUARDS = {
     ),
     "time > 0.04": (lambda s: s["time"] > 0.04, "", lambda s: s["time"]),
     "not (x > 0.2)": (lambda s: s["x"] <= 0.2, "x", lambda s: s["x"]),
-    "visits > 2 and x > 0": (lambda s: s["visits"] > 2 and s["x"] > 0, "x", lambda s: s["visits"]),
+    "visits * x > 1.2": (lambda s: s["visits"] * s["x"] > 1.2, "x", lambda s: s["visits"] * s["x"]),
     "elapsed > 0.3": (lambda s: s["elapsed"] > 0.3, "", lambda s: s["elapsed"]),
     "p.u > 0.99": (lambda s: s["u"] > 0.99, "u", lambda s: s["u"]),
     "x > 0.95 and p.u > 0.9": (lambda s: s["x"] > 0.95 and s["u"] > 0.9, "xu", lambda s: s["x"]),
