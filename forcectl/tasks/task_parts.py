@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.errors import unknown
+from forcectl.errors import invalid, unknown
 from forcectl.framework.euler_angles import EulerAngles, angles_of
 from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
@@ -29,6 +30,23 @@ class TaskTargetConfig(Config):
 
     value: list[float] = key(meaning="of each coordinate", unit="m or rad")
     time: float = key(0.0, "from which on this is the target", unit="s", bounds="not negative")
+
+
+def check_times(targets: Sequence[Any], of: Callable[[Any], str] = lambda target: "") -> None:
+    """Refuse two targets of the same at the same time.
+
+    Args:
+        targets: with their times.
+        of: what a target is of.
+
+    Raises:
+        BadInputError: about the second one.
+    """
+    first: dict[tuple[str, float], int] = {}
+    for i, target in enumerate(targets):
+        if (j := first.setdefault((of(target), target.time), i)) != i:
+            whose = f", for the same {of(target)} arm" * bool(of(target))
+            raise invalid(f"targets.{i}.time", target.time, f"another one than that of targets.{j}{whose}")
 
 
 class TaskPart(Protocol):
@@ -57,6 +75,10 @@ class _TaskConfig(Config):
     orientation: str = key("rotation_vector", "how the orientation is written", choices=ORIENTATIONS)
     priority: int = key(1, "1 comes first", bounds="from 1 to 1000")
     targets: list[TaskTargetConfig] = key([], "over time; until the first one the coordinates stay")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_times(self.targets)
 
     def _orientation(self, rotation: NDArray[np.float64]) -> Orientation:
         if self.orientation == "euler_angles":

@@ -54,6 +54,26 @@ REFUSED = [
         "controller.targets=[{arm: left, position: [0, 0, 90]}]",
         "controller.targets.0.position = [0.0, 0.0, 90.0]: must be within 10 m or rad of the start",
     ),
+    (
+        "fig_5_3",
+        "controller.targets=[{arm: left, position: [0, 0, 0.5]}, {arm: left, position: [0, 0.1, 0.5]}]",
+        "controller.targets.1.time = 0.0: must be another one than that of targets.0, for the same left arm",
+    ),
+    (
+        "fig_5_3",
+        "controller.targets=[{arm: left, position: [0.4, 0, 0.3]}, {arm: right, position: [0.4, 0, 0.3]}]",
+        "controller.targets.1.position = [0.4, 0.0, 0.3]: must be another place than that of targets.0, of the left arm",
+    ),
+    (
+        "fig_5_3",
+        "controller={targets: [], tasks: {t: !ArmTask {arm: left}, u: !ArmTask {arm: left}}}",
+        "controller.tasks.u is the last of tasks of the left arm with 12 coordinates at priority 1: must be at most the",
+    ),
+    (
+        "fig_5_3",
+        "controller={targets: [], tasks: {t: !ArmTask {arm: left, targets: [{value: [1]}, {value: [2]}]}}}",
+        "controller.tasks.t.targets.1.time = 0.0: must be another one than that of targets.0",
+    ),
     ("fig_3_4_robot", f"controller.constraints=[{WALL}]", "controller.constraints.0.arm: unknown arm 'left': known: a"),
     (
         "fig_3_4_robot",

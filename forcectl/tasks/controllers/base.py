@@ -10,7 +10,7 @@ from pydrake.geometry import Box
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
-from forcectl.errors import check_distinct, invalid, unknown
+from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.force.invariance.robot import JointLimitConfig
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
@@ -19,7 +19,7 @@ from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import Constraint
 from forcectl.tasks.constraints.parts import at_keys, constraints_of
-from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.coordinates import COORDINATES, ArmTask
 from forcectl.tasks.modes import Mode
 from forcectl.tasks.null_space import AnyCriterion
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
@@ -108,12 +108,15 @@ class TaskControllerConfig(Config):
             made: AnyCriterion = made_by(part, "criterion", key, AnyCriterion, wanted, setting)
             return made
 
+        if not modes:
+            _check_coordinates(tasks)
         made = []
         for (at, mode), own in zip(_keys(modes), kept, strict=False):
             part, place = (self.null_space, "null_space")
             if mode.null_space:
                 part, place = mode.null_space[0], f"{at}.null_space.0"
             followed = _followed(mode, tasks, f"{at}.tasks")
+            _check_coordinates({name: task for name, task in tasks.items() if name in mode.tasks} or tasks)
             name = at.removeprefix("modes.")
             made.append(Mode(followed, own, criterion(part, place, [*own, *always]), name=name))
         with at_keys(keys):
@@ -158,3 +161,17 @@ def _followed(mode: ModeConfig, tasks: Mapping[str, ArmTask], key: str) -> list[
         if name not in tasks:
             raise unknown("task", name, tasks).at(key)
     return [tasks[name] for name in mode.tasks] or None
+
+
+def _check_coordinates(tasks: Mapping[str, ArmTask]) -> None:
+    """Tasks of one priority that are followed together have at most the six coordinates of a pose for each arm.
+
+    Those of an arm in the world and of one in another arm count apart.
+    """
+    sizes: dict[tuple[str, str, int], int] = {}
+    for name, task in tasks.items():
+        whose = task.arm, getattr(task, "leader", ""), task.priority
+        sizes[whose] = sizes.get(whose, 0) + task.size
+        if sizes[whose] > len(COORDINATES):
+            fault = f" is the last of tasks of the {task.arm} arm with {sizes[whose]} coordinates at priority"
+            raise BadInputError(f"{fault} {task.priority}: must be at most the six of a pose", key=f"tasks.{name}")

@@ -26,9 +26,10 @@ from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.reactive_controller import READINGS, ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
-from forcectl.tasks.task_parts import TaskTargetConfig, start_motion
+from forcectl.tasks.task_parts import TaskTargetConfig, check_times, start_motion
 
 _FARTHEST = 10.0  # [m or rad] beyond is no target of any arm, but a mistake
+_SAME = 1e-3  # [m] between two places that are the same
 _BEYOND = 1.5  # times the length of the arm; a target nearer than that and out of reach is told after the run
 
 Array = NDArray[np.float64]
@@ -88,6 +89,9 @@ class ReactiveReachingConfig(TaskControllerConfig):
             raise invalid("targets", self.targets, "empty beside tasks, which have targets of their own")
         if self.random_moves.count and (self.tasks or self.targets):
             raise invalid("random_moves.count", self.random_moves.count, "0 beside targets or tasks")
+        check_times(self.targets, of=lambda target: target.arm)
+        if self.link_distance:
+            _check_apart(self.targets)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """A `ReactiveReaching`."""
@@ -118,6 +122,17 @@ class ReactiveReachingConfig(TaskControllerConfig):
             task = ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation))
             found.append((arm, task, [(key, each.of_task()) for key, each in places if each.arm == arm]))
         return found
+
+
+def _check_apart(targets: Sequence[ReachConfig]) -> None:
+    """Two arms are not sent to the same point at the same time."""
+    begun: dict[float, list[tuple[int, ReachConfig]]] = {}
+    for i, target in enumerate(targets):
+        for j, other in begun.setdefault(target.time, []):
+            if np.allclose(target.position, other.position, rtol=0.0, atol=_SAME):
+                apart = f"another place than that of targets.{j}, of the {other.arm} arm at the same time"
+                raise invalid(f"targets.{i}.position", target.position, apart)
+        begun[target.time].append((i, target))
 
 
 def _check_places(tasks: Sequence[NamedTask], model: PlantModel) -> None:

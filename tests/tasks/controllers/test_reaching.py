@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.result import RunResult
 from forcectl.scenario.scenario import Scenario
 from forcectl.tasks.constraints.parts import SpeedLimitConfig, WallConfig
+from forcectl.tasks.controllers.base import ModeConfig
 from forcectl.tasks.controllers.reaching import RandomMovesConfig, ReachConfig, ReactiveReachingConfig
 from forcectl.tasks.null_space_parts import (
     ConstraintPotentialConfig,
@@ -34,7 +36,7 @@ from forcectl.tasks.null_space_parts import (
     SmallMassPotentialConfig,
 )
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
-from forcectl.tasks.task_parts import start_motion
+from forcectl.tasks.task_parts import ArmTaskConfig, start_motion
 from forcectl.testing import assert_memory_released
 from tests.examples.reactive_examples import at
 from tests.examples.stations import free
@@ -176,7 +178,7 @@ def test_every_null_space_criterion_can_be_chosen(null_space: Any) -> None:
     [
         ({"targets": [ReachConfig(arm="middle", position=[0, 0, 0])]}, "targets.0.arm: unknown arm 'middle'"),
         (
-            {"targets": [ReachConfig(**LEFT), ReachConfig(arm="left", position=[5, 0, 0])]},
+            {"targets": [ReachConfig(**LEFT), ReachConfig(arm="left", position=[5, 0, 0], time=1.0)]},
             r"targets\.1\.position = \[5.*: must be within 1\.\d+ m, 1.5 times the length of the arm, of.* away",
         ),
         (
@@ -234,6 +236,21 @@ def test_the_links_keep_away_from_the_boxes_of_the_station() -> None:
 def test_bad_values_are_refused_by_name(kind: Any, values: dict[str, Any], said: str) -> None:
     with pytest.raises(BadInputError, match=said):
         kind(**values)
+
+
+def test_tasks_of_an_arm_may_be_more_than_a_pose_by_priority_or_in_modes() -> None:
+    tasks = {"pose": ArmTaskConfig(arm="left"), "height": ArmTaskConfig(arm="left", coordinates=["z"], priority=2)}
+    build(targets=[], tasks=tasks)
+    tasks["height"] = ArmTaskConfig(arm="left", coordinates=["z"])
+    build(targets=[], tasks=tasks, modes=[ModeConfig(tasks=[name]) for name in tasks])
+    with pytest.raises(BadInputError, match=r"^tasks\.height is the last of tasks of the left arm with 7 coordinates"):
+        build(targets=[], tasks=tasks)
+
+
+def test_arms_may_be_sent_to_the_same_place_one_after_the_other_or_where_links_may_touch() -> None:
+    both = [ReachConfig(arm=arm, position=[0.4, 0.0, 0.3], time=time) for arm, time in (("left", 0.0), ("right", 1.0))]
+    ReactiveReachingConfig(targets=both)
+    ReactiveReachingConfig(targets=[replace(each, time=0.0) for each in both], link_distance=0.0)
 
 
 def test_random_moves_are_within_their_extent_and_of_their_seed() -> None:
