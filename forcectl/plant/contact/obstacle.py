@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
 LARGEST_STIFFNESS = 1e7  # [N/m] of the links where they touch something
+_SLOWEST = 10.0  # [s] damping over stiffness, in which what was pressed in comes out again
 _SKIN = 1e-3  # [m] at the surface of a box that does not count as its inside
 
 
@@ -30,10 +32,20 @@ class ObstacleConfig(Config):
     damping: float = key(50.0, "at a point of contact", unit="Ns/m", bounds="not negative, at most 100000")
     friction: float = key(0.2, "Coulomb's, against any link", unit="1", bounds="at least 0 and below 1")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.damping > (most := _SLOWEST * self.stiffness):
+            allowed = f"at most {most:g} Ns/m, {_SLOWEST:g} s times stiffness = {self.stiffness:g} N/m"
+            raise invalid("damping", self.damping, allowed)
+
     @property
     def pose(self) -> RigidTransform:
         """Of its centre in the world."""
         return RigidTransform(RollPitchYaw(np.radians(self.rotation_deg)), np.array(self.position))
+
+    def occupies(self) -> tuple[object, ...]:
+        """What no other part of the environment has, too."""
+        return "box", *self.size, *self.position, *self.rotation_deg
 
     def holds(self, point: ArrayLike) -> bool:
         """Whether a point in the world (3,) [m] is inside the box, and not on its surface."""

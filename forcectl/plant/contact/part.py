@@ -6,6 +6,7 @@ give way. While the gripper of the arm is open the part is free; how it is taken
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +15,12 @@ import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from forcectl.errors import BadInputError, unknown
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.fields import Config, key
 from forcectl.models import models_folder
 
 _FILES = (".urdf", ".sdf")
+_IN_HAND = 1.5  # [m] farther from the TCP nothing is held
 _NEAR = "from -3 to 3"  # [m] farther than any arm reaches
 
 
@@ -39,7 +41,7 @@ class GraspConfig(Config):
     largest_offset: float = key(
         0.025, "of the part from where it was taken; farther off it is lost", unit="m", bounds="above 0 and at most 0.5"
     )
-    reach: float = key(0.005, "offset up to which a closing gripper takes the part", unit="m", bounds="from 0 to 0.5")
+    reach: float = key(0.005, "offset up to which a closing gripper takes the part", unit="m", bounds="from 0 to 0.2")
     reach_deg: float = key(5.0, "angle up to which it does", unit="deg", bounds="from 0 to 180")
 
 
@@ -100,11 +102,21 @@ class PartConfig(Config):
                 raise BadInputError("must be left out where no arm holds the part", key=name)
         if any(self.lies_rotation_deg) and not self.lies_at:
             raise BadInputError("must be left out where lies_at is", key="lies_rotation_deg")
+        if self.arm and (away := math.hypot(*self.position)) > _IN_HAND:
+            raise invalid("position", self.position, f"within {_IN_HAND:g} m of the TCP: it is {away:.3g} m away")
 
     @property
     def hand(self) -> str:
         """Name of the arm that holds the part at the start; "" of one that is fixed or lies somewhere."""
         return "" if self.lies_at else self.arm
+
+    def occupies(self) -> tuple[object, ...]:
+        """What no other part of the environment has, too: its place in a hand, or as the same model in the world."""
+        if self.hand:
+            return "hand", self.hand, *self.position, *self.rotation_deg
+        if self.lies_at:
+            return self.model, self.frame, *self.lies_at, *self.lies_rotation_deg
+        return self.model, self.frame, *self.position, *self.rotation_deg
 
     @property
     def placement(self) -> RigidTransform:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, slot
 
 
@@ -13,3 +14,13 @@ class EnvironmentPartsConfig(Config):
     """Scenario part `!Parts`: named parts, each of the kinds that fill `environment`. Empty: free space."""
 
     parts: dict[str, Any] = slot("environment", dict, meaning="by name; none: free space")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        first: dict[Any, str] = {}
+        for name, part in self.parts.items():
+            if not hasattr(part, "occupies"):
+                continue
+            if (other := first.setdefault(part.occupies(), name)) != name:
+                fault = f"is at the same place as parts.{other}: must be somewhere else, or left out"
+                raise BadInputError(fault, key=f"parts.{name}")

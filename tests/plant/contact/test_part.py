@@ -58,6 +58,10 @@ def test_a_part_that_nobody_holds_has_no_grasp():
         ),
         ({"arm": "left", "lies_at": [0.0]}, "lies_at = [0.0]: must be three numbers"),
         ({"arm": "left", "lies_at": [50.0, 0.0, 0.0]}, "lies_at.0 = 50.0: must be from -3 to 3"),
+        (
+            {"arm": "left", "position": [1.0, 1.0, 1.0]},
+            "position = [1.0, 1.0, 1.0]: must be within 1.5 m of the TCP: it",
+        ),
         ({"position": [0.0, 0.0, 100.0]}, "position.2 = 100.0: must be from -3 to 3"),
     ],
 )
@@ -73,7 +77,7 @@ def test_where_a_part_cannot_lie(keys, message):
         (MisplacementConfig, {"offset": 3.0}, "offset = 3.0: must be from 0 to 0.1"),
         (MisplacementConfig, {"tilt_deg": 90.0}, "tilt_deg = 90.0: must be from 0 to 60"),
         (GraspConfig, {"largest_offset": 25.0}, "largest_offset = 25.0: must be above 0 and at most 0.5"),
-        (GraspConfig, {"reach": 5.0}, "reach = 5.0: must be from 0 to 0.5"),
+        (GraspConfig, {"reach": 5.0}, "reach = 5.0: must be from 0 to 0.2"),
         (GraspConfig, {"reach_deg": 360.0}, "reach_deg = 360.0: must be from 0 to 180"),
     ],
 )

@@ -28,6 +28,7 @@ from forcectl.framework.fields import Config, key
 
 Array = NDArray[np.float64]
 SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
+_LONG, _WIDE = "above 0 and at most 2", "above 0 and at most 0.5"  # [m] of what arms put together
 _PASSES = 3  # to find the points that push, and their friction
 _IDENTITY = np.eye(6)
 _STRAIGHT = _IDENTITY[3:].ravel()
@@ -50,14 +51,14 @@ _LEVERS = _levers()
 class PegInBoreConfig(Config):
     """Sizes and coefficients of a peg and a bore; the defaults are those of `models/parts`."""
 
-    bore_radius: float = key(12.85e-3, "of the bore", unit="m", bounds="positive")
-    chamfer: float = key(4e-3, "of the mouth, radially and along the axis", unit="m", bounds="positive")
-    depth: float = key(96e-3, "from the mouth to the floor", unit="m", bounds="positive")
+    bore_radius: float = key(12.85e-3, "of the bore", unit="m", bounds=_WIDE)
+    chamfer: float = key(4e-3, "of the mouth, radially and along the axis", unit="m", bounds=_WIDE)
+    depth: float = key(96e-3, "from the mouth to the floor", unit="m", bounds=_LONG)
     clearance: float = key(0.5e-3, "in radius", unit="m", bounds="not negative")
-    rim_radius: float = key(18.5e-3, "outside of the bore's part", unit="m", bounds="positive")
-    floor_thickness: float = key(20e-3, "of the bore's part", unit="m", bounds="positive")
-    length: float = key(110e-3, "of the peg", unit="m", bounds="positive")
-    taper_length: float = key(8e-3, "of the peg's tip", unit="m", bounds="positive")
+    rim_radius: float = key(18.5e-3, "outside of the bore's part", unit="m", bounds=_WIDE)
+    floor_thickness: float = key(20e-3, "of the bore's part", unit="m", bounds=_LONG)
+    length: float = key(110e-3, "of the peg", unit="m", bounds=_LONG)
+    taper_length: float = key(8e-3, "of the peg's tip", unit="m", bounds=_LONG)
     taper_radius: float = key(5e-3, "by which the peg's tip is narrower", unit="m", bounds="positive")
     stiffness: float = key(2e5, "K of a ring", unit="N/m", bounds="positive")
     damping: float = key(100.0, "D of a ring", unit="N s/m", bounds="not negative, at most 100000")
@@ -65,6 +66,10 @@ class PegInBoreConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not self.clearance < self.bore_radius:
+            raise invalid(
+                "clearance", self.clearance, f"below bore_radius = {self.bore_radius:g} m: else no peg is left"
+            )
         if not self.clearance + self.taper_radius < self.bore_radius:
             raise invalid("taper_radius", self.taper_radius, f"below {self.bore_radius - self.clearance:g}, the peg's")
         if not self.bore_radius + self.chamfer < self.rim_radius:

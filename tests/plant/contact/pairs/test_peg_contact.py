@@ -162,6 +162,13 @@ def test_it_inserts_with_the_force_of_the_geometry(clearance, count):
         ({"clearance": -1e-4}, "clearance = -0.0001: must be not negative"),
         ({"stiffness": 0.0}, "stiffness = 0"),
         ({"taper_radius": 0.02}, "taper_radius = 0.02: must be below"),
+        (
+            {"bore_radius": 1e-3, "clearance": 0.01},
+            "clearance = 0.01: must be below bore_radius = 0.001 m: else no peg",
+        ),
+        ({"depth": 50.0}, "depth = 50.0: must be above 0 and at most 2"),
+        ({"length": 80.0}, "length = 80.0: must be above 0 and at most 2"),
+        ({"rim_radius": 18.5}, "rim_radius = 18.5: must be above 0 and at most 0.5"),
         ({"rim_radius": 0.015}, "rim_radius = 0.015: must be above 0.01685"),
     ],
 )
