@@ -56,9 +56,11 @@ class FromConfig(Config):
         """The port of that part.
 
         Raises:
-            BadInputError: it puts out no signal of this name.
+            BadInputError: there is no such part, or it puts out no signal of this name.
         """
         wanted = self.signal or name
+        if self.part not in signals.parts():
+            raise unknown("part", self.part, signals.parts())
         offers = signals.offers(wanted)
         if not offers:
             fault = f"nothing puts out {wanted}: must be a signal that can be measured"
@@ -208,6 +210,10 @@ class Signals:
     def offers(self, name: str) -> dict[str, OutputPort]:
         """The ports with a signal of this name by the part they are of, the truth apart."""
         return {} if name in self._truth else self._offers.get(name, {})
+
+    def parts(self) -> list[str]:
+        """Names of the parts that put something out."""
+        return list(dict.fromkeys(part for offers in self._offers.values() for part in offers))
 
     def truths(self) -> dict[str, OutputPort]:
         """What only the simulation knows, by name."""

@@ -82,6 +82,13 @@ def test_a_second_sensor_of_a_kind_has_its_name_in_front(fidelity):
     assert abs(forces[1] - forces[0]) == pytest.approx(2.0, abs=0.3)
 
 
+def test_a_signal_is_chosen_of_a_part_that_there_is():
+    choice = parse("!From {part: nope}", "test")
+    for name in ("measured_force", "estimated_wrench"):  # nothing puts out the latter
+        with pytest.raises(fc.BadInputError, match=rf"signals\.{name}\.part: unknown part 'nope': known: .*station"):
+            fc.build(fc.load_scenario({"signals": {name: choice}}))
+
+
 def test_the_truth_cannot_be_chosen():
     for signal in ("contact_force", "measured_torque"):
         choice = parse(f"!From {{part: station, signal: {signal}}}", "test")
