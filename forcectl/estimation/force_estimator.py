@@ -132,7 +132,7 @@ class ForceEstimatorConfig(Config):
     friction_scale: float = key(1.0, "believed friction / true friction", bounds="from 0 to 20")
     threshold_move: float = key(0.0, "tau_move / tau_C of moving joints", bounds="not negative")
     threshold_still: float = key(0.0, "tau_still / tau_C of joints at rest", bounds="not negative")
-    limit_share: float = key(1.0, "share of the torque limits at which the residual stops", bounds="positive")
+    limit_share: float = key(1.0, "share of the torque limits at which the residual stops", bounds="from 0.01 to 100")
     moment: bool = key(True, "false: only forces act at the TCPs")
     expressed_in: str = key(
         "world",

@@ -48,6 +48,8 @@ class LoadConfig(Config):
             raise invalid("ramp", self.ramp, f"at most half of hold, {self.hold / 2:g} s")
         if not self.wrenches:
             raise invalid("wrenches", self.wrenches, "at least one wrench")
+        if not np.any(self.wrenches):
+            raise invalid("wrenches", self.wrenches, "not zero somewhere, or the load left out")
         if self.repeats > 1 and self.every < self.duration:
             raise invalid("every", self.every, f"at least what one repeat lasts, {self.duration:g} s")
 

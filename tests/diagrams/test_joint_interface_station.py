@@ -376,3 +376,18 @@ def test_a_fault_of_another_kind_is_refused():
 
 def test_nothing_keeps_a_station_alive():
     assert assert_memory_released(lambda: MultibodyStation(describe(), 0), builds=3, allowed_kb=500).checked_references
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "clash"),
+    [
+        ({}, {"kind": "frozen", "start": 0.05}, True),
+        ({"joint": "a"}, {"start": 0.05}, True),
+        ({"joint": "a"}, {"joint": "b"}, False),
+        ({}, {"kind": "frozen", "start": 0.1}, False),
+        ({}, {"kind": "lost"}, False),
+    ],
+)
+def test_two_faults_clash_where_both_say_what_is_read_of_a_joint(first, second, clash):
+    one, other = ReadingFaultConfig(**first), ReadingFaultConfig(**second)
+    assert one.clashes(other) is other.clashes(one) is clash

@@ -29,7 +29,7 @@ REFUSED = [
     (
         "peg_in_hole",
         "controller.modes.align.exits=[{when: insert_force.force_z > 5000, to: settle}]",
-        "controller.modes.align.exits.0.when = 'insert_force.force_z > 5000' is always false, as the motors hold far le",
+        "controller.modes.align.exits.0.when = 'insert_force.force_z > 5000' is always false, as the motors hold far ",
     ),
     ("peg_in_hole", "controller.motion_limits.jerk=1e-8", f"controller.motion_limits.{NEAR}"),
     ("peg_in_hole", f"{ALIGN}.motion_limits={{speed: 0.075, jerk: 1e-8}}", f"{ALIGN}.motion_limits.{NEAR}"),
@@ -62,12 +62,12 @@ REFUSED = [
     (
         "fig_5_3",
         "controller.targets=[{arm: left, position: [0.4, 0, 0.3]}, {arm: right, position: [0.4, 0, 0.3]}]",
-        "controller.targets.1.position = [0.4, 0.0, 0.3]: must be another place than that of targets.0, of the left arm",
+        "controller.targets.1.position = [0.4, 0.0, 0.3]: must be another place than that of targets.0, of the left a",
     ),
     (
         "fig_5_3",
         "controller={targets: [], tasks: {t: !ArmTask {arm: left}, u: !ArmTask {arm: left}}}",
-        "controller.tasks.u is the last of tasks of the left arm with 12 coordinates at priority 1: must be at most the",
+        "controller.tasks.u is the last of tasks of the left arm with 12 coordinates at priority 1: must be at most t",
     ),
     (
         "fig_5_3",
@@ -129,6 +129,28 @@ REFUSED = [
     ),
     ("fig_2_8", f"station.faults=[{JOINT_9}]", "station.faults.0.joint: unknown joint 'joint_9': did you mean"),
     ("peg_in_hole", f"station.faults=[{JOINT_9}]", "station.faults.0.joint: unknown joint 'joint_9': did you mean"),
+    (
+        "fig_2_8",
+        "station.faults=[!ReadingFault {start: 0.1, duration: 0.4}, !ReadingFault {start: 0.2, kind: frozen}]",
+        "station.faults.1.start = 0.2: must be outside of 0.1 to 0.5 s, where faults.0 says the readings of the joint",
+    ),
+    # what has no effect
+    ("fig_5_3", f"controller.constraints=[{WALL}, {WALL}]", "controller.constraints.1 = WallConfig(point=[0.0, 0.0, ."),
+    (
+        "peg_in_hole",
+        f"{ALIGN}.constraints=[{WALL}, {WALL}]",
+        f"{ALIGN}.constraints.1 = WallConfig(point=[0.0, 0.0, .",
+    ),
+    (
+        "usable_forces",
+        "station.loads=[{wrenches: [[0, 0, 0, 0, 0, 0]]}]",
+        "station.loads.0.wrenches = [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]: must be not zero somewhere, or the load left out",
+    ),
+    (
+        "fig_5_3",
+        "estimators={force: !ForceEstimator {limit_share: 1e-9}}",
+        "estimators.force.limit_share = 1e-09: must be from 0.01 to 100",
+    ),
     # names that analyses look for
     ("peg_in_hole", "analyses.insertion.peg=plungr", "analyses.insertion.peg: unknown part 'plungr': did you mean"),
     ("peg_in_hole", "analyses.insertion.task=7", "analyses.insertion.task = 7: must be at most 2, the number of tasks"),

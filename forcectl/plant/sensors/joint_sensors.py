@@ -59,6 +59,17 @@ class ReadingFaultConfig(Config):
     start: float = key(0.0, "of the fault", unit="s", bounds="not negative")
     duration: float = key(0.1, "of the fault", unit="s", bounds="positive")
 
+    @property
+    def end(self) -> float:
+        """From which on it does not act any more [s]."""
+        return self.start + self.duration
+
+    def clashes(self, other: ReadingFaultConfig) -> bool:
+        """Whether both say at the same time what the position and the speed of the same joint are."""
+        together = self.start < other.end and other.start < self.end
+        same = not (self.joint and other.joint) or self.joint == other.joint
+        return together and same and "lost" not in (self.kind, other.kind)
+
     def fault(self, joints: list[str]) -> ReadingFault:
         """The fault of a robot.
 
@@ -71,7 +82,7 @@ class ReadingFaultConfig(Config):
         if self.joint and self.joint not in joints:
             raise unknown("joint", self.joint, joints)
         which = joints.index(self.joint) if self.joint else None
-        return ReadingFault(self.kind, self.start, self.start + self.duration, which)
+        return ReadingFault(self.kind, self.start, self.end, which)
 
 
 def quantised(values: Array, quantum: Array) -> Array:

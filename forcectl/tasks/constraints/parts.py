@@ -102,7 +102,7 @@ class SpeedLimitConfig(Config):
     """Scenario part `!SpeedLimit`: task coordinates change no faster than limits."""
 
     task: Any = slot("task", meaning="whose coordinates")
-    limit: list[float] = key(meaning="of each, or one for all", unit="m/s or rad/s", bounds="from 1e-05 to 100")
+    limit: list[float] = key(meaning="of each, or one for all", unit="m/s or rad/s", bounds="from 0.0001 to 100")
     slack_weight: float | None = key(None, "of soft rows; null: hard", bounds="positive")
 
     def constraint(self, model: PlantModel) -> TaskSpeedLimit:

@@ -40,6 +40,7 @@ class ModeConfig(Config):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_distinct("tasks", self.tasks)
+        check_distinct("constraints", self.constraints)
         for i, pair in enumerate(self.touching):
             if len(pair) != 2:
                 raise invalid(f"touching.{i}", pair, "two names of shapes")
@@ -66,6 +67,7 @@ class TaskControllerConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_distinct("constraints", self.constraints)
         if not self.speed_margin < 1.0:
             raise invalid("speed_margin", self.speed_margin, "below 1")
 

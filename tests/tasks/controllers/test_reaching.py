@@ -223,7 +223,7 @@ def test_the_links_keep_away_from_the_boxes_of_the_station() -> None:
         (MotionLimitsConfig, {"speed": 75.0}, "speed = 75.0: must be above 0 and at most 10"),
         (MotionLimitsConfig, {"turn_speed": 90.0}, "turn_speed = 90.0: must be above 0 and at most 30"),
         (JointLimitConfig, {"velocity": [180.0]}, "velocity.0 = 180.0: must be positive and at most 30"),
-        (SpeedLimitConfig, {"task": None, "limit": [1e-9]}, "limit.0 = 1e-09: must be from 1e-05 to 100"),
+        (SpeedLimitConfig, {"task": None, "limit": [1e-9]}, "limit.0 = 1e-09: must be from 0.0001 to 100"),
         (MotionLimitsConfig, {"turn_jerk": np.inf}, "jerk"),
         (EvasiveConfig, {"potentials": []}, "potentials"),
         (JointSpeedConfig, {"time_constant": -1.0}, "time_constant = -1.0"),
