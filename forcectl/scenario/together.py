@@ -24,7 +24,13 @@ if TYPE_CHECKING:
 LONGEST_DURATION = 86_400.0  # [s]
 _STARTS = ("start", "start_time", "tare_start", "times", "released_at")  # keys that hold when something begins [s]
 # Keys of what takes a while to begin [s].
-_LASTS = {"controller": ("hold",), "station": ("delay", "posture_period"), "guard": ("patience", "frozen_time")}
+_LASTS = {
+    "controller": ("hold",),
+    "station": ("delay", "posture_period"),
+    "guard": ("patience", "frozen_time"),
+    "estimators": ("tare_duration",),
+    "analyses": ("begin",),
+}
 _OUTLASTS = 20  # times the run, that a motion, or a file of a reference, may last
 _TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
 _RATES = ("integral_gain", "observer_bandwidth", "adaptation_rate")  # of a law, with which its command changes

@@ -56,6 +56,8 @@ REFUSED = [
     ("station: {sensors: {force: {faults: [{kind: scale, value: 1}]}}}", "faults.0.value = 1.0: must be another one f"),
     ("station: {sensors: {force: {faults: [{start: 1}, {start: 1}]}}}", "faults.1.start = 1.0: must be before or aft"),
     ("station: {faults: [!ReadingFault {}, !ReadingFault {}]}", "station.faults.1 = ReadingFaultConfig(kind='nan"),
+    ("duration: 1\nestimators: {f: !ForceEstimator {tare_duration: 50}}", "tare_duration = 50.0: must be below dura"),
+    ("duration: 1\nanalyses: {f: !FrictionIdentification {begin: 90}}", "analyses.f.begin = 90.0: must be below durat"),
     ("duration: 2\nguard: {patience: 50}", "guard.patience = 50.0: must be below duration = 2 s"),
     ("duration: 2\nmotion: {distance: 0.2, speed: 0.001}", "motion ends at 200 s: must end before 40 s, 20 times dura"),
     (
