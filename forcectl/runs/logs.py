@@ -28,6 +28,7 @@ from forcectl.conventions import SIGNALS, TRUTH, unit_of
 from forcectl.diagrams.derived import SOURCES, Derived
 from forcectl.errors import BadInputError, one_line
 from forcectl.force.guard.limits import Cause, Reaction
+from forcectl.framework.netcdf_file import check_netcdf
 from forcectl.qp.quadratic_program import Status
 from forcectl.runs.directory import write_file
 from forcectl.scenario.scenario import Scenario
@@ -222,14 +223,15 @@ def read_netcdf(path: str | Path) -> xr.Dataset:
     """Read a log into memory.
 
     Raises:
-        BadInputError: the file cannot be read, or is no NetCDF, or a damaged one.
+        BadInputError: the file cannot be read, is no NetCDF, or a damaged one, is too large.
     """
     hook, sys.unraisablehook = sys.unraisablehook, lambda lost: None  # half a file that h5netcdf fails to close
     try:
         try:
+            check_netcdf(Path(path))
             with xr.open_dataset(path, engine="h5netcdf") as dataset:
                 return dataset.load()
-        except MemoryError:
+        except (BadInputError, MemoryError):
             raise
         except Exception as error:  # of HDF5, h5netcdf or xarray: bytes that are wrong raise anything
             reason = one_line(error)[:120]

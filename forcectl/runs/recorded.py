@@ -33,7 +33,7 @@ NAMES = {
 _OWN_UNITS = {"controller_output": "m"}
 
 _JITTER = 0.05  # of the period that a time may be off
-_FEWEST = 100  # rows
+_FEWEST, _MOST = 100, 5_000_000  # rows
 _AT_REST = (1e-9, 1e-3)  # of its range that the input may move while it rests; the second where it is measured
 LONG_REST = 20  # samples
 _REST = 0.3  # [s] that a pause must last for the force to follow
@@ -121,6 +121,10 @@ def read_record(
         raise BadInputError(
             f"{table.origin} has {time.values.size} rows: must have at least {_FEWEST}; "
             "record the experiment from rest to rest"
+        )
+    if time.values.size > _MOST:
+        raise BadInputError(
+            f"{table.origin} has {time.values.size} rows: must have at most {_MOST}; cut the record or sample slower"
         )
     for column in columns.values():
         _check_finite(table, column)

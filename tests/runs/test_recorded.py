@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -207,3 +208,14 @@ def test_the_rests_show_the_stiffness_whatever_the_lags(tmp_path):
 def test_one_column_cannot_be_both(tmp_path):
     with pytest.raises(BadInputError, match="both"):
         read_record(write(tmp_path, good()), input_column="force")
+
+
+def test_a_record_without_end_is_refused(tmp_path):
+    """Compressed values that were never written: a few kilobytes."""
+    with h5py.File(tmp_path / "log.nc", "w") as file:
+        for name, unit in (("time", "s"), ("displacement", "m"), ("force", "N")):
+            values = file.create_dataset(name, (5_000_001,), "f8", chunks=(1_000_000,), compression="gzip")
+            values.attrs["units"] = unit
+            values.make_scale() if name == "time" else values.dims[0].attach_scale(file["time"])
+    with pytest.raises(BadInputError, match=r"^log\.nc has 5000001 rows: must have at most 5000000; cut the record"):
+        read_record(tmp_path / "log.nc")

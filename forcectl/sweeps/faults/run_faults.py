@@ -9,10 +9,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import xarray as xr
-
 from forcectl.errors import BadInputError, unknown
 from forcectl.framework.yaml_tree import Tagged
+from forcectl.runs.logs import read_netcdf
 from forcectl.scenario.catalog import ScenarioFile, tags_of
 from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import Scenario, as_file, build, resolve, with_shortcuts
@@ -185,8 +184,7 @@ def _responses(
         if fault is None:
             sound = kinds_found
         if path.exists():
-            with xr.open_dataset(path) as log:
-                response = response_of(tag, fault, scenario, log.load(), begin, kinds_found, sound)
+            response = response_of(tag, fault, scenario, read_netcdf(path), begin, kinds_found, sound)
         else:
             response = Response(tag, SOUND if fault is None else fault.name)
         found.append(replace(response, failure=reason))

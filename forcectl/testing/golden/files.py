@@ -14,6 +14,7 @@ import numpy as np
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.figures.file_names import file_name
+from forcectl.framework.netcdf_file import check_netcdf
 from forcectl.testing.golden.compare import as_log
 from forcectl.testing.runs import Log
 
@@ -44,6 +45,7 @@ def read_log(path: Path) -> Log:
     import xarray as xr
 
     try:
+        check_netcdf(path)
         with xr.open_dataset(path, engine="h5netcdf") as dataset:
             loaded = dataset.load()
         return as_log(loaded.rename({name: each.attrs["long_name"] for name, each in loaded.data_vars.items()}))
