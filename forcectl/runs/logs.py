@@ -223,7 +223,7 @@ def read_netcdf(path: str | Path) -> xr.Dataset:
     """Read a log into memory.
 
     Raises:
-        BadInputError: the file cannot be read, is no NetCDF, or a damaged one, is too large.
+        BadInputError: the file cannot be read, is no NetCDF, or a damaged one, is too large or names other files.
     """
     hook, sys.unraisablehook = sys.unraisablehook, lambda lost: None  # half a file that h5netcdf fails to close
     try:

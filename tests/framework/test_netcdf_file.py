@@ -1,4 +1,4 @@
-"""A NetCDF file of somebody else: its size is looked at before anything is loaded."""
+"""A NetCDF file of somebody else: its size and where its data lie are looked at before anything is loaded."""
 
 from __future__ import annotations
 
@@ -19,6 +19,41 @@ def log(tmp_path):
     for name in ("log.nc", "other.nc"):
         dataset.to_netcdf(tmp_path / name, engine="h5netcdf")
     return tmp_path / "log.nc"
+
+
+def external_link(file):
+    file["u"] = h5py.ExternalLink("other.nc", "force")
+
+
+def external_link_in_a_group(file):
+    file.create_group("a/b")["u"] = h5py.ExternalLink("other.nc", "/")
+
+
+def external_storage(file):
+    file.create_dataset("u", (10,), "f8", external=[("other.nc", 0, 80)])
+
+
+def virtual_dataset(file):
+    layout = h5py.VirtualLayout((100,), "f8")
+    layout[:] = h5py.VirtualSource("other.nc", "force", (100,))
+    file.create_virtual_dataset("u", layout)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (external_link, "variable 'u' is a link to another file"),
+        (external_link_in_a_group, "variable 'a/b/u' is a link to another file"),
+        (external_storage, "variable 'u' is data of another file"),
+        (virtual_dataset, "variable 'u' is data of another file"),
+    ],
+)
+def test_data_of_other_files_are_refused(log, spoil, words):
+    with h5py.File(log, "a") as file:
+        spoil(file)
+    with pytest.raises(BadInputError) as caught:
+        check_netcdf(log)
+    assert str(caught.value) == f"log.nc: {words}: must be within the file; copy the data into it"
 
 
 def test_a_small_file_that_declares_too_much_is_refused_before_it_is_loaded(log):

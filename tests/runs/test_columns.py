@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -100,6 +101,13 @@ def test_files_that_are_no_tables(tmp_path):
         read_columns(write(tmp_path, "no data", "words.nc"))
     with pytest.raises(BadInputError, match="--variant 'a'"):
         read_columns(write(tmp_path, "a\n1\n"), "a")
+
+
+def test_a_netcdf_file_whose_data_lie_elsewhere_is_refused(tmp_path):
+    with h5py.File(tmp_path / "log.nc", "w") as file:
+        file.create_dataset("force", (10,), "f8", external=[(str(tmp_path / "secret"), 0, 80)])
+    with pytest.raises(BadInputError, match=r"^log\.nc: variable 'force' is data of another file"):
+        read_columns(tmp_path / "log.nc")
 
 
 def test_a_damaged_netcdf_file_is_one_line_and_nothing_else(tmp_path, capfd):
