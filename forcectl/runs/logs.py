@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
+import warnings
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from importlib import metadata
@@ -229,7 +230,11 @@ def read_netcdf(path: str | Path) -> xr.Dataset:
     try:
         try:
             check_netcdf(Path(path))
-            with xr.open_dataset(path, engine="h5netcdf") as dataset:
+            # Phony: what a file without dimensions has in their place, so that it can be said what is missing.
+            with (
+                warnings.catch_warnings(action="ignore"),
+                xr.open_dataset(path, engine="h5netcdf", phony_dims="access") as dataset,
+            ):
                 return dataset.load()
         except (BadInputError, MemoryError):
             raise

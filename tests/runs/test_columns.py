@@ -103,6 +103,15 @@ def test_files_that_are_no_tables(tmp_path):
         read_columns(write(tmp_path, "a\n1\n"), "a")
 
 
+def test_hdf5_without_dimensions_is_one_line_without_warnings_of_libraries(tmp_path, recwarn):
+    with h5py.File(tmp_path / "log.nc", "w") as file:
+        file["time"], file["force"] = np.arange(100) * 0.01, np.zeros((100, 2))
+        file["force"].attrs["_FillValue"], file["force"].attrs["missing_value"] = 1.0, 2.0
+    with pytest.raises(BadInputError, match=r"^log\.nc has no dimension 'time': must be the log of a run$"):
+        read_columns(tmp_path / "log.nc")
+    assert not recwarn.list
+
+
 def test_a_netcdf_file_whose_data_lie_elsewhere_is_refused(tmp_path):
     with h5py.File(tmp_path / "log.nc", "w") as file:
         file.create_dataset("force", (10,), "f8", external=[(str(tmp_path / "secret"), 0, 80)])
