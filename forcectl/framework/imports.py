@@ -57,7 +57,22 @@ class Imports:
             if PathFinder.find_spec(top, self._path()) is None:
                 raise BadInputError(f" = {show(path)}: must be importable, but: No module named {top!r}", key=key)
             raise invalid(key, path, self._allowed_words(module))
+        self._check_found_within(module, name, key)
         return str(module)
+
+    def _check_found_within(self, module: str, name: str, key: str) -> None:
+        """Refuse a module in a package that is none, or has no such module: an import would run the package first."""
+        around, *rest = module.split(".")
+        loaded = sys.modules.get(around)
+        spec = PathFinder.find_spec(around, self._path()) or (loaded.__spec__ if loaded else find_spec(around))
+        if module in sys.modules or spec is None:
+            return
+        for part in rest:
+            if (spec := _within(spec, around, part)) is None:
+                hint = f"; write {f'{around}:{name}'!r}" if part == "py" else ""
+                why = f"No module {part!r} in {around!r}{hint}"
+                raise BadInputError(f" = {show(f'{module}:{name}')}: must be importable, but: {why}", key=key)
+            around = f"{around}.{part}"
 
     def check_found(self, names: Iterable[str], key: str) -> None:
         """Refuse names of modules that no import from here could find. Only the first part of each is looked for.
@@ -183,6 +198,15 @@ def _points(group: str) -> list[tuple[str, str, str]]:
     from importlib.metadata import entry_points
 
     return [(group.removeprefix("forcectl."), point.name, point.value) for point in entry_points(group=group)]
+
+
+def _within(spec: ModuleSpec, package: str, name: str) -> ModuleSpec | None:
+    """A module of a package; None where there is none, or the package is no package. Runs neither."""
+    if spec.submodule_search_locations is None:
+        return None
+    folders = list(spec.submodule_search_locations)
+    others = (finder.find_spec(f"{package}.{name}", folders) for finder in sys.meta_path)  # of editable installations
+    return PathFinder.find_spec(name, folders) or next(filter(None, others), None)
 
 
 def _files(spec: ModuleSpec) -> list[Path]:

@@ -96,6 +96,34 @@ def test_a_path_of_another_form_is_refused(folder, path):
         Imports(folder).check(path, "path")
 
 
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("of_the_test_run.py:Law", "No module 'py' in 'of_the_test_run'; write 'of_the_test_run:Law'"),
+        ("of_the_test_run.laws.more:Law", "No module 'laws' in 'of_the_test_run'"),
+        (
+            "of_the_test_pack.laws.py:Law",
+            "No module 'py' in 'of_the_test_pack.laws'; write 'of_the_test_pack.laws:Law'",
+        ),
+        ("of_the_test_pack.lawz:Law", "No module 'lawz' in 'of_the_test_pack'"),
+    ],
+)
+def test_a_module_that_is_not_there_is_refused_before_what_is_around_it_runs(folder, path, said):
+    (folder / "of_the_test_pack").mkdir()
+    for file in ("of_the_test_run.py", "of_the_test_pack/__init__.py", "of_the_test_pack/laws.py"):
+        (folder / file).write_text(f"open({str(folder / 'ran')!r}, 'w')\nclass Law:\n    pass\n")
+    for rules in (Imports(folder), Imports(folder, every=True)):
+        refused(rules, path, f"path = {path!r}: must be importable, but: {said}")
+    assert not (folder / "ran").exists()
+    assert Imports(folder).load("of_the_test_pack.laws:Law", "path").__name__ == "Law"
+
+
+def test_modules_in_folders_without_code_are_found(folder):
+    (folder / "of_the_test_five" / "laws").mkdir(parents=True)
+    (folder / "of_the_test_five" / "laws" / "mine.py").write_text("class Law:\n    pass\n")
+    assert Imports(folder).load("of_the_test_five.laws.mine:Law", "path").__name__ == "Law"
+
+
 def test_two_scenarios_may_have_modules_of_the_same_name(folder):
     other = folder / "elsewhere"
     (other / "of_the_test.py").write_text("class Law:\n    other = True\n")
