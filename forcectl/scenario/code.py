@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 from forcectl.errors import BadInputError, show
 from forcectl.framework.imports import Imports
 from forcectl.framework.reader import join
-from forcectl.framework.yaml_tree import Tagged, Tree
+from forcectl.framework.yaml_tree import Tagged, Tree, nest
 from forcectl.scenario.catalog import IMPORT, SLOTS, ScenarioFile, announced, find_scenario
 
 
@@ -20,13 +20,15 @@ def code_in(file: ScenarioFile) -> dict[str, str]:
     Args:
         file: a scenario, or a part of one, such as overrides.
     """
-    found = {key: str(path) for key, path in _named(file.tree, "")}
+    found = {key: str(path) for key, path in _named(file.tree)}
     for start, other in _experiments(file):
-        found |= {f"{start}: {other.origin}: {key}": str(path) for key, path in _named(other.tree, "")}
+        found |= {f"{start}: {other.origin}: {key}": str(path) for key, path in _named(other.tree)}
     return found
 
 
-def check_imports(file: ScenarioFile, imports: Imports, where: Callable[[str], str]) -> None:
+def check_imports(
+    file: ScenarioFile, imports: Imports, where: Callable[[str], str], overrides: Mapping[str, Any] | None = None
+) -> None:
     """Refuse a scenario that names code it may not, before any of it is imported.
 
     The files that it names may import what it may itself, not what is beside them.
@@ -35,11 +37,12 @@ def check_imports(file: ScenarioFile, imports: Imports, where: Callable[[str], s
         file: a scenario as written, with its variants, or all its layers as one.
         imports: what is allowed.
         where: says for a dotted key where its value came from, for messages.
+        overrides: by dotted key, of any variant.
 
     Raises:
         BadInputError: an import path that is none, or is not allowed.
     """
-    _check(file.tree, imports, where)
+    _check(file.tree, imports, where, overrides)
     for start, other in _experiments(file):
         try:
             _check(other.tree, imports, other.where)
@@ -47,8 +50,10 @@ def check_imports(file: ScenarioFile, imports: Imports, where: Callable[[str], s
             raise BadInputError(f" = {show(other.name)}: {error}", key=start).at(start, where(start)) from None
 
 
-def _check(tree: Tree, imports: Imports, where: Callable[[str], str]) -> None:
-    for key, path in _imported(tree, ""):
+def _check(
+    tree: Tagged, imports: Imports, where: Callable[[str], str], overrides: Mapping[str, Any] | None = None
+) -> None:
+    for key, path in (*_imported(tree, ""), *_split(tree, overrides)):
         full = join(key, "path")
         try:
             imports.check(path, full)
@@ -59,7 +64,7 @@ def _check(tree: Tree, imports: Imports, where: Callable[[str], str]) -> None:
 def _experiments(file: ScenarioFile) -> Iterator[tuple[str, ScenarioFile]]:
     """The scenarios that a scenario names, and those that they name, each once, with the key that it begins with."""
     seen: set[tuple[str, str]] = set()
-    waiting = [(key, name, file) for key, name in _gains_from(file.tree, "")]
+    waiting = [(key, name, file) for key, name in _experiments_of(file.tree)]
     for start, name, home in waiting:  # which grows
         beside = home.folder / name
         try:
@@ -69,7 +74,13 @@ def _experiments(file: ScenarioFile) -> Iterator[tuple[str, ScenarioFile]]:
         if (place := (str(other.folder.resolve()), other.origin)) not in seen:
             seen.add(place)
             yield start, replace(other, name=name)
-            waiting += [(start, inner, other) for _, inner in _gains_from(other.tree, "")]
+            waiting += [(start, inner, other) for _, inner in _experiments_of(other.tree)]
+
+
+def _experiments_of(tree: Tagged) -> Iterator[tuple[str, str]]:
+    yield from _gains_from(tree, "")
+    for start, variant in _variants(tree):
+        yield from _gains_from(variant, start)
 
 
 def _gains_from(tree: Tree, key: str) -> Iterator[tuple[str, str]]:
@@ -86,10 +97,32 @@ def _imported(tree: Tree, key: str) -> Iterator[tuple[str, Any]]:
         yield from _imported(part, join(key, name))
 
 
-def _named(tree: Tree, key: str) -> Iterator[tuple[str, Any]]:
+def _split(tree: Tagged, overrides: Mapping[str, Any] | None = None) -> Iterator[tuple[str, Any]]:
+    """Import paths that a variant or an override gives, by its dotted key, to a part that another layer imports."""
+    layers = [*_variants(tree), ("", nest(overrides or {}))]
+    whole = (tree, *(layer for _, layer in layers))
+    places = {place: None for each in whole for place, tag in _tagged(each, "") if tag == IMPORT}
+    for start, layer in layers:
+        for place in places:
+            part: Tree = layer
+            for name in place.split("."):
+                part = part.get(name) if isinstance(part, Tagged) else None
+            if isinstance(part, Tagged) and part.tag in (None, IMPORT) and "path" in part:
+                yield join(start, place), part["path"]
+
+
+def _variants(tree: Tagged) -> list[tuple[str, Tagged]]:
+    """The changes of each variant, without dotted keys, and the key that they begin with."""
+    variants = tree.get("variants")
+    changes = variants.items() if isinstance(variants, Tagged) else ()
+    return [(f"variants.{name}", nest(each)) for name, each in changes if isinstance(each, Tagged)]
+
+
+def _named(tree: Tagged) -> Iterator[tuple[str, Any]]:
     tags = {tag: path for slot, known in SLOTS.items() for tag, path in announced(slot).items() if tag not in known}
-    yield from _imported(tree, key)
-    yield from ((place, tags[tag]) for place, tag in _tagged(tree, key) if tag in tags)
+    yield from _imported(tree, "")
+    yield from _split(tree)
+    yield from ((place, tags[tag]) for place, tag in _tagged(tree, "") if tag in tags)
 
 
 def _tagged(tree: Tree, key: str) -> Iterator[tuple[str, str]]:

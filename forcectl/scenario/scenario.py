@@ -298,7 +298,7 @@ def _resolved(
     tree = layers.merged()
     layers.check_gone(tree)
     check_imports(file, imports, file.where)
-    check_imports(replace(file, tree=tree), imports, layers.where)
+    check_imports(replace(file, tree=tree), imports, layers.where, overrides)
     locate_files(tree, file.folder)
     scenario: Scenario = ScenarioReader(layers.where, imports).dataclass(Scenario, tree)
     scenario.imports = imports

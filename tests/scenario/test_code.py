@@ -99,6 +99,39 @@ def test_code_is_refused_before_anything_is_imported(folder, text):
     assert not {"evil_lab", "own_lab"} & set(sys.modules)
 
 
+SPLIT = [
+    ("controller: !Import {path: 'own_lab:Law'}\nvariants: {a: {controller.path: 'evil_lab:Law'}, b: {}}", {}),
+    ("controller: !Import {path: 'own_lab:Law'}\nvariants: {a: {controller: {path: 'evil_lab:Law'}}, b: {}}", {}),
+    ("reference: !Import {path: 'own_lab:L'}\n"
+     "variants: {a: {controller: '!Import', controller.path: 'os:nice'}, b: {}}", {}),
+    ("estimators: {e: !Import {path: 'own_lab:Law'}}\nvariants: {a: {estimators.e.path: 'evil_lab:Law'}, b: {}}", {}),
+    ("station: {loads: [!Import {path: 'own_lab:L'}]}\nvariants: {a: {station.loads.0.path: 'evil_lab:L'}, b: {}}", {}),
+    ("controller: !Vrft {gains_from: fig_4_5}\nreference: !Import {path: 'own_lab:Law'}\n"
+     "variants: {a: {controller.gains_from: ../lab/other.yaml}, b: {}}", {}),
+    ("reference: !Import {path: 'own_lab:Law'}\nvariants: {a: {controller: !Import {path: 'own_lab:Law'}}, b: {}}",
+     {"controller.path": "evil_lab:Law"}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "overrides"), SPLIT)
+def test_a_path_that_one_variant_gives_to_a_part_is_looked_at_before_another_one_imports(folder, text, overrides):
+    file = folder / "mine" / "own.yaml"
+    file.write_text(f"{text}\n")
+    with pytest.raises(BadInputError, match=r"^(own\.yaml:\d+|override): .*(evil_lab|os:nice)"):
+        load_scenario(file, variant="b", overrides=overrides)
+    assert not list(folder.rglob("*ran"))
+    assert not {"evil_lab", "own_lab"} & set(sys.modules)
+
+
+def test_a_path_for_a_part_that_is_not_imported_is_no_code(folder):
+    """Another tag replaces the part that is imported, and what it calls its path is that of a file."""
+    (folder / "mine" / "own.yaml").write_text(
+        "reference: !Import {path: 'own_lab:Law'}\nvariants: {a: {reference: !File {path: own.csv}}, b: {}}\n"
+    )
+    found = code_in(find_scenario(folder / "mine" / "own.yaml"))
+    assert found == {"reference": "own_lab:Law"}
+
+
 def test_a_sweep_trusts_what_is_beside_itself_not_what_is_beside_its_scenario(folder):
     (folder / "lab" / "own.yaml").write_text(f"controller: {IMPORT}\n")
     sweep = "scenario: {}\nkeys: {{duration: [0.1, 0.2]}}\n"
