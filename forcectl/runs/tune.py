@@ -18,25 +18,28 @@ from typing import Any
 import numpy as np
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.fields import PHYSICAL
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, dump, parse
 from forcectl.runs.claims.claim import Place, claimed
 from forcectl.runs.directory import SUMMARY, write_file, write_json
+from forcectl.runs.record_checks import (
+    check_against_model,
+    check_contact,
+    check_repeated,
+    check_signs,
+    check_stiffness,
+)
 from forcectl.runs.recorded import LONG_REST, NAMES, Recorded, read_record
 from forcectl.runs.tuning_report import summary
 from forcectl.tuning.controller_basis import ControllerBasis, continuous_pid, discrete_pid, fir
 from forcectl.tuning.fit import VrftFit
 from forcectl.tuning.motor_positions import INPUTS, STICKS, disagreement, motor_record
-from forcectl.tuning.reference_model import ReferenceModel, ReferenceModelConfig
+from forcectl.tuning.reference_model import ReferenceModelConfig
 from forcectl.tuning.vrft import fit_vrft
 
 CONTROLLER = "controller.yaml"
-_SAMPLES_PER_TIME_CONSTANT = 5
 _CONTROL_PERIOD = 0.002  # [s] of the shipped station
 _SOFTEST = 1.0  # [m/N] of a robot
-_ROUNDED = 0.01  # that a reference model may end off 1, with coefficients in few digits
-_REPEATED = 0.5  # rms that a second record may differ from the first by
 _HYSTERESIS = 0.1  # that the static gain of the plant model may differ from that of the rests by
 
 
@@ -229,7 +232,7 @@ def _tuned(
     if robot_compliance is not None and record.motor is None:
         raise BadInputError(f"{record.origin} has no motor positions, for which --robot-compliance is: leave it out")
     model = config.model(record.period)
-    _check_against_model(record, model)
+    check_against_model(record, model)
     instrument = None
     if second is not None:
         again = read(second)
@@ -238,7 +241,7 @@ def _tuned(
                 f"{again.origin} has {again.u.size} samples at {again.period:g} s: must have {record.u.size} at "
                 f"{record.period:g} s, as {record.origin}"
             )
-        _check_repeated(record, again)
+        check_repeated(record, again)
         instrument = again.y
     basis = _basis(form, record.period)
     if learn_from not in INPUTS:
@@ -263,27 +266,10 @@ def _tuned(
         other = None if on_motor is None else fitted(on_motor, False)
     else:
         fit, other = fitted(on_motor, refine), fitted(record, False)
-    if fit.plant.explained <= 0:
-        raise BadInputError(
-            f"{record.origin}: a model of the contact explains nothing of {record.output_name}: must be a force that "
-            f"follows {record.input_name}; are both columns of one experiment?"
-        )
-    if float(record.u @ record.y) > 0:
-        raise BadInputError(
-            f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
-            "displacement and a positive force; use --flip-input where displacements into the surface are positive"
-        )
+    check_contact(record, fit)
     tuned = Tuned(config, record, fit, compensated, None, learn_from, other)
-    if tuned.stiffness <= 0:
-        raise BadInputError(
-            f"{record.origin}: does not tell how stiff the contact is: must have several moves in contact with a rest "
-            "after each; record more of them"
-        )
-    if tuned.stiffness > (stiffest := PHYSICAL["N/m"][0]):
-        raise BadInputError(
-            f"{record.origin}: its contact has {tuned.stiffness:.3g} N/m: must have at most {stiffest:g} N/m; is "
-            f"{record.input_name} in another unit?"
-        )
+    check_stiffness(record, tuned.stiffness)
+    check_signs(record, fit)
     return tuned
 
 
@@ -327,36 +313,6 @@ def _basis(form: str, period: float) -> ControllerBasis:
     if form not in ("continuous", "discrete"):
         raise invalid("form", form, "continuous, discrete or fir:N, as in fir:10")
     return continuous_pid(period) if form == "continuous" else discrete_pid(period)
-
-
-def _check_repeated(record: Recorded, again: Recorded) -> None:
-    """Refuse a second record that is not the same experiment: as an instrument it would mislead without a sign."""
-    if np.array_equal(record.u, again.u) and np.array_equal(record.y, again.y):
-        raise BadInputError(f"{again.origin} is the record of {record.origin} again: repeat the experiment")
-    for name, first, second in ((again.input_name, record.u, again.u), (again.output_name, record.y, again.y)):
-        if (differs := float(np.linalg.norm(second - first) / np.linalg.norm(first))) > _REPEATED:
-            raise BadInputError(
-                f"{again.origin}: column {name} differs from that of {record.origin} by {100 * differs:.0f} %: must be "
-                f"at most {100 * _REPEATED:g} %; repeat the same experiment"
-            )
-
-
-def _check_against_model(record: Recorded, model: ReferenceModel) -> None:
-    duration, slowest = record.u.size * record.period, model.time_constant
-    longest = slowest / _SAMPLES_PER_TIME_CONSTANT
-    if abs(model.static_gain - 1) > _ROUNDED:
-        raise BadInputError(f"reference model ends at {model.static_gain:.4g} of the reference: must end at 1")
-    if record.period > longest > 0:
-        raise BadInputError(
-            f"{record.origin}: sampled every {record.period:g} s: must be at most {longest:.3g} s for a reference "
-            f"model with the time constant {slowest:.3g} s; sample faster, or choose a slower model"
-        )
-    lag = max(slowest, model.lag)
-    if duration < 2 * lag:
-        raise BadInputError(
-            f"{record.origin}: lasts {duration:.3g} s: must last at least {2 * lag:.3g} s, twice the time constant "
-            "of the reference model; record longer, or choose a faster model"
-        )
 
 
 def _write(tuned: Tuned, folder: Path) -> None:

@@ -1,0 +1,120 @@
+"""What a record must be for a controller to be tuned on it, beside what `forcectl.runs.recorded` asks of any."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import fftconvolve
+
+from forcectl.errors import BadInputError
+from forcectl.framework.fields import PHYSICAL
+from forcectl.runs.recorded import Recorded
+from forcectl.tuning.fit import VrftFit
+from forcectl.tuning.reference_model import ReferenceModel
+
+_SAMPLES_PER_TIME_CONSTANT = 5
+_ROUNDED = 0.01  # that a reference model may end off 1, with coefficients in few digits
+_REPEATED = 0.5  # rms that a second record may differ from the first by
+_SOFTEST = 100.0  # [N/m] of a contact: softer ones are forces in kN or displacements in mm that are called N and m
+_LATEST = 1.0  # [s] that the force may come after the displacement
+_MOVE = 0.02  # [s] over which a move is looked at
+_LEADS = (0.05, 1.5)  # [s] that the force comes early, and times that it fits better there than late: it leads
+_EARLY = 0.1  # [s] K_P over -K_I of a contact with damping, which is quick
+
+
+def check_repeated(record: Recorded, again: Recorded) -> None:
+    """Refuse a second record that is not the same experiment: as an instrument it would mislead without a sign."""
+    if np.array_equal(record.u, again.u) and np.array_equal(record.y, again.y):
+        raise BadInputError(f"{again.origin} is the record of {record.origin} again: repeat the experiment")
+    for name, first, second in ((again.input_name, record.u, again.u), (again.output_name, record.y, again.y)):
+        if (differs := float(np.linalg.norm(second - first) / np.linalg.norm(first))) > _REPEATED:
+            raise BadInputError(
+                f"{again.origin}: column {name} differs from that of {record.origin} by {100 * differs:.0f} %: must be "
+                f"at most {100 * _REPEATED:g} %; repeat the same experiment"
+            )
+
+
+def check_against_model(record: Recorded, model: ReferenceModel) -> None:
+    """Refuse a record too short or sampled too slowly for a reference model, and a model that does not end at 1."""
+    duration, slowest = record.u.size * record.period, model.time_constant
+    longest = slowest / _SAMPLES_PER_TIME_CONSTANT
+    if abs(model.static_gain - 1) > _ROUNDED:
+        raise BadInputError(f"reference model ends at {model.static_gain:.4g} of the reference: must end at 1")
+    if record.period > longest > 0:
+        raise BadInputError(
+            f"{record.origin}: sampled every {record.period:g} s: must be at most {longest:.3g} s for a reference "
+            f"model with the time constant {slowest:.3g} s; sample faster, or choose a slower model"
+        )
+    lag = max(slowest, model.lag)
+    if duration < 2 * lag:
+        raise BadInputError(
+            f"{record.origin}: lasts {duration:.3g} s: must last at least {2 * lag:.3g} s, twice the time constant "
+            "of the reference model; record longer, or choose a faster model"
+        )
+
+
+def check_contact(record: Recorded, fit: VrftFit) -> None:
+    """Refuse a force that is not that of a contact which the displacement presses on."""
+    if fit.plant.explained <= 0:
+        raise BadInputError(
+            f"{record.origin}: a model of the contact explains nothing of {record.output_name}: must be a force that "
+            f"follows {record.input_name}; are both columns of one experiment?"
+        )
+    if float(record.u @ record.y) > 0:
+        raise BadInputError(
+            f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
+            "displacement and a positive force; use --flip-input where displacements into the surface are positive"
+        )
+    if (largest := float((record.y + record.y_rest).max())) <= 0:
+        raise BadInputError(
+            f"{record.origin}: {record.output_name} is at most {largest:.3g} N: pressing must be a positive force: a "
+            "contact cannot pull; take off the offset of the sensor, or turn the signs of force and displacement"
+        )
+    late = fit.plant.delay * record.period
+    early = lead(record)
+    if early > 0 or late > _LATEST:
+        told = f"{early:.2g} s before" if early > 0 else f"{late:.2g} s after"
+        raise BadInputError(
+            f"{record.origin}: {record.output_name} moves {told} {record.input_name}: must follow within {_LATEST:g} s;"
+            " are both of one experiment and one clock, in the order of time?"
+        )
+
+
+def lead(record: Recorded) -> float:
+    """By how much the force moves before the displacement [s]; 0 where it does not."""
+    samples = max(round(_MOVE / record.period), 1)
+    u, y = (signal[samples:] - signal[:-samples] for signal in (record.u, -record.y))
+    fits = fftconvolve(y, u[::-1])  # the middle one: without a shift
+    reach = min(round(_LATEST / record.period), u.size - 1)
+    before, after = fits[u.size - 1 - reach : u.size - 1], fits[u.size - 1 : u.size + reach]
+    early = record.period * (reach - int(before.argmax())) if before.size else 0.0
+    return early if early > _LEADS[0] and before.max() > _LEADS[1] * after.max() else 0.0
+
+
+def check_stiffness(record: Recorded, stiffness: float) -> None:
+    """Refuse a contact of a stiffness [N/m] that none has."""
+    if stiffness <= 0:
+        raise BadInputError(
+            f"{record.origin}: does not tell how stiff the contact is: must have several moves in contact with a rest "
+            "after each; record more of them"
+        )
+    stiffest = PHYSICAL["N/m"][0]
+    if not _SOFTEST <= stiffness <= stiffest:
+        raise BadInputError(
+            f"{record.origin}: its contact has {stiffness:.3g} N/m: must be from {_SOFTEST:g} to {stiffest:g} N/m; is "
+            f"{record.input_name} or {record.output_name} in another unit?"
+        )
+
+
+def check_signs(record: Recorded, fit: VrftFit) -> None:
+    """Refuse a controller that presses where the force is too large."""
+    pid = fit.pid
+    if pid is None:
+        gains = [("sum of the FIR coefficients", float(fit.gains.sum()), 0.0, "m/N")]
+    else:
+        gains = [("K_I", pid.integral, 0.0, "m/(N s)"), ("K_P", pid.proportional, -_EARLY * pid.integral, "m/N")]
+    for name, value, most, unit in gains:
+        if value > most:
+            raise BadInputError(
+                f"{record.origin}: {name} = {value:.3g} {unit}: must be at most {most:.3g}, or it presses more where "
+                f"the force is too large; does {record.output_name} follow {record.input_name} on one clock?"
+            )

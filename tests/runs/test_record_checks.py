@@ -1,0 +1,87 @@
+"""Records that no controller can be tuned on: what is wrong is said by file and column, and sound ones pass."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from forcectl.errors import BadInputError
+from forcectl.runs.record_checks import check_signs, lead
+from forcectl.runs.recorded import read_record
+from forcectl.runs.tune import tune_vrft
+from forcectl.tuning.controller_basis import continuous_pid, fir
+from forcectl.tuning.reference_model import first_order
+from forcectl.tuning.vrft import fit_vrft
+from tests.examples.vrft_records import TS
+from tests.runs.test_recorded import TIME, U, Y, good, write
+
+pytestmark = pytest.mark.usefixtures("plants_identified_once")
+NOISE = 0.5 * np.random.default_rng(0).normal(size=Y.size)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        (good(**{"force [N]": Y - 26.0}), r"force \[N\] is at most -\d.* N: pressing must be a positive force"),
+        (good(**{"force [N]": 1e-3 * Y}), r"its contact has 5\.9 N/m: must be from 100 to 1e\+08 N/m; is displacement"),
+        (good(**{"force [N]": np.roll(Y, -250) + NOISE}), r"force \[N\] moves 0\.[34]\d* s before displacement \[m\]"),
+        (good(**{"force [N]": Y[::-1] + NOISE, "displacement [m]": U[::-1]}), r"force \[N\] moves 0\.1\d* s before"),
+        (good(**{"force [N]": np.roll(Y, 1300)}), r"force \[N\] moves [12]\.\d s after displacement \[m\]: must"),
+    ],
+)  # fmt: skip
+def test_a_record_that_cannot_be_one_is_refused_in_one_line(tmp_path, columns, words):
+    with pytest.raises(BadInputError, match=rf"^data\.csv: {words}") as caught:
+        tune_vrft(write(tmp_path, columns), 1.5)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("basis", [continuous_pid(TS), fir(5, TS)])
+def test_a_controller_of_the_wrong_sign_is_refused(tmp_path, sign, basis):
+    fit = fit_vrft(U, sign * Y, first_order(1.5, TS), basis, refine=False)
+    record = read_record(write(tmp_path, good()))
+    if sign > 0:
+        check_signs(record, fit)
+        return
+    with pytest.raises(
+        BadInputError, match=r"^data\.csv: (K_I|sum of the FIR coefficients) = .*: must be at most 0, or"
+    ):
+        check_signs(record, fit)
+
+
+@pytest.mark.parametrize(("damping", "sound"), [(100.0, True), (1000.0, False)])
+def test_a_proportional_gain_of_the_wrong_sign_is_that_of_a_force_that_leads(tmp_path, damping, sound):
+    """Damping leads, too, but by less than the lags of a robot."""
+    force = -5e3 * U - damping * np.gradient(U, TS)
+    fit = fit_vrft(U, force, first_order(1.5, TS), continuous_pid(TS), refine=False)
+    record = read_record(write(tmp_path, good(**{"force [N]": force})))
+    assert fit.pid.proportional > 0
+    with nullcontext() if sound else pytest.raises(BadInputError, match=r"^data\.csv: K_P = .* m/N: must be at most "):
+        check_signs(record, fit)
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        Y - 10.0,  # the offset of a sensor
+        Y + NOISE,
+        -5e3 * U - 150 * np.gradient(U, TS),  # a surface with damping
+        -5e3 * (U - 0.3 * lfilter([TS], [1.0, TS - 1.0], U)),  # one that relaxes
+        -150.0 * U,  # foam
+    ],
+)
+def test_sound_records_pass(tmp_path, force):
+    tuned = tune_vrft(write(tmp_path, good(**{"force [N]": force})), 1.5)
+    assert tuned.fit.pid.integral < 0
+
+
+@pytest.mark.parametrize("period", [0.1, 0.2, 0.3, 1.0, 3.0])
+@pytest.mark.parametrize("delay", [0.02, 0.12, 0.28])
+def test_sines_do_not_lead_whatever_their_delay(tmp_path, period, delay):
+    """What comes late in a period comes early in the next one."""
+    u, later = (1e-3 * (np.cos(2 * np.pi * time / period) - 1) for time in (TIME, TIME - delay))
+    record = read_record(write(tmp_path, good(**{"displacement [m]": u, "force [N]": -5e3 * later})))
+    assert lead(record) == 0
