@@ -9,7 +9,7 @@ from forcectl.errors import BadInputError
 from forcectl.framework.fields import PHYSICAL
 from forcectl.runs.recorded import Recorded
 from forcectl.tuning.fit import VrftFit
-from forcectl.tuning.reference_model import ReferenceModel
+from forcectl.tuning.reference_model import ReferenceModel, ReferenceModelConfig
 
 _SAMPLES_PER_TIME_CONSTANT = 5
 _ROUNDED = 0.01  # that a reference model may end off 1, with coefficients in few digits
@@ -19,6 +19,12 @@ _LATEST = 1.0  # [s] that the force may come after the displacement
 _MOVE = 0.02  # [s] over which a move is looked at
 _LEADS = (0.05, 1.5)  # [s] that the force comes early, and times that it fits better there than late: it leads
 _EARLY = 0.1  # [s] K_P over -K_I of a contact with damping, which is quick
+
+
+def check_rate(record: Recorded, config: ReferenceModelConfig) -> None:
+    """Refuse a record with less than a sample in the time constant of its reference model."""
+    if config.bandwidth is not None and config.bandwidth * record.period > 1:
+        raise _too_slow(record, 1 / config.bandwidth, f"bandwidth {config.bandwidth:.3g} rad/s")
 
 
 def check_repeated(record: Recorded, again: Recorded) -> None:
@@ -40,16 +46,20 @@ def check_against_model(record: Recorded, model: ReferenceModel) -> None:
     if abs(model.static_gain - 1) > _ROUNDED:
         raise BadInputError(f"reference model ends at {model.static_gain:.4g} of the reference: must end at 1")
     if record.period > longest > 0:
-        raise BadInputError(
-            f"{record.origin}: sampled every {record.period:g} s: must be at most {longest:.3g} s for a reference "
-            f"model with the time constant {slowest:.3g} s; sample faster, or choose a slower model"
-        )
+        raise _too_slow(record, longest, f"time constant {slowest:.3g} s")
     lag = max(slowest, model.lag)
     if duration < 2 * lag:
         raise BadInputError(
             f"{record.origin}: lasts {duration:.3g} s: must last at least {2 * lag:.3g} s, twice the time constant "
             "of the reference model; record longer, or choose a faster model"
         )
+
+
+def _too_slow(record: Recorded, longest: float, of_model: str) -> BadInputError:
+    return BadInputError(
+        f"{record.origin}: sampled every {record.period:g} s: must be at most {longest:.3g} s for a reference model "
+        f"with the {of_model}; is {record.time_name} in another unit? Else sample faster, or choose a slower model"
+    )
 
 
 def check_contact(record: Recorded, fit: VrftFit) -> None:

@@ -51,7 +51,7 @@ class Recorded:
 
     Attributes:
         origin: file name.
-        input_name, output_name: as written in it.
+        input_name, output_name, time_name: as written in it.
         period: Ts [s].
         u, y: displacement [m] and force [N] minus their values at rest, shape (k,).
         u_rest, y_rest: those values.
@@ -71,6 +71,7 @@ class Recorded:
     resting: int
     motor: Array | None = None
     fed_back: float | None = None
+    time_name: str = "time"
 
     @property
     def time(self) -> Array:
@@ -154,6 +155,7 @@ def read_record(
         resting,
         motor,
         fed_back,
+        time.label,
     )
 
 

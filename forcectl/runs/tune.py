@@ -25,6 +25,7 @@ from forcectl.runs.directory import SUMMARY, write_file, write_json
 from forcectl.runs.record_checks import (
     check_against_model,
     check_contact,
+    check_rate,
     check_repeated,
     check_signs,
     check_stiffness,
@@ -231,6 +232,7 @@ def _tuned(
     record = read(data)
     if robot_compliance is not None and record.motor is None:
         raise BadInputError(f"{record.origin} has no motor positions, for which --robot-compliance is: leave it out")
+    check_rate(record, config)
     model = config.model(record.period)
     check_against_model(record, model)
     instrument = None

@@ -30,6 +30,7 @@ NOISE = 0.5 * np.random.default_rng(0).normal(size=Y.size)
         (good(**{"force [N]": np.roll(Y, -250) + NOISE}), r"force \[N\] moves 0\.[34]\d* s before displacement \[m\]"),
         (good(**{"force [N]": Y[::-1] + NOISE, "displacement [m]": U[::-1]}), r"force \[N\] moves 0\.1\d* s before"),
         (good(**{"force [N]": np.roll(Y, 1300)}), r"force \[N\] moves [12]\.\d s after displacement \[m\]: must"),
+        (good(**{"time [s]": 1e3 * TIME}), r"sampled every 2 s: must be at most 0\.667 s .*is time \[s\] in another"),
     ],
 )  # fmt: skip
 def test_a_record_that_cannot_be_one_is_refused_in_one_line(tmp_path, columns, words):
