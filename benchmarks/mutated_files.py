@@ -93,7 +93,7 @@ def robots(folder: Path, rng: random.Random) -> Iterator[Case]:
 
 def tables(folder: Path, rng: random.Random) -> Iterator[Case]:
     """A record in a table."""
-    from forcectl.runs.recorded import read_record
+    from forcectl.runs.records.recorded import read_record
     from tests.runs.test_tune import record_file
 
     sound = record_file(folder, rows=1500).read_bytes()
@@ -106,7 +106,7 @@ def tables(folder: Path, rng: random.Random) -> Iterator[Case]:
 def logs(folder: Path, rng: random.Random) -> Iterator[Case]:
     """The log of a run."""
     from forcectl.runs.logs import write_netcdf
-    from forcectl.runs.recorded import read_record
+    from forcectl.runs.records.recorded import read_record
     from forcectl.runs.run import run
 
     log = run({"station": {"fidelity": "OneDimensional"}, "duration": 0.3}).log

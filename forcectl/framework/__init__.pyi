@@ -11,12 +11,12 @@ from forcectl.framework.euler_angles import EulerAngles as EulerAngles
 from forcectl.framework.expression import Expression as Expression
 from forcectl.framework.fields import Config as Config
 from forcectl.framework.fields import slot as slot
+from forcectl.framework.files.series_file import read_series as read_series
 from forcectl.framework.imports import Imports as Imports
 from forcectl.framework.linear_batch import LinearBatch as LinearBatch
 from forcectl.framework.rotation_vector import RotationVector as RotationVector
 from forcectl.framework.sampled_block import SampledBatch as SampledBatch
 from forcectl.framework.sampled_block import SampledBlock as SampledBlock
-from forcectl.framework.series_file import read_series as read_series
 from forcectl.framework.wiring import Enclosed as Enclosed
 from forcectl.framework.wiring import affine as affine
 from forcectl.framework.wiring import export_all_outputs as export_all_outputs

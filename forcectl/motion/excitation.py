@@ -18,7 +18,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
-from forcectl.framework.series_file import check_steepest
+from forcectl.framework.files.series_file import check_steepest
 from forcectl.motion.references import Reference, linear_trajectory, read_signal, stack_scaled
 
 SPRING_STIFFNESS = 5900.0  # [N/m] that the default moves are made for

@@ -19,7 +19,7 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
-from forcectl.framework.series_file import read_series
+from forcectl.framework.files.series_file import read_series
 
 _SHORTEST = 1e-9  # time between two points of a reference [s]
 
@@ -126,7 +126,7 @@ def read_signal(path: str, column: str) -> tuple[list[float], list[float]]:
     """The columns `time` [s] and `column` of a CSV file.
 
     Raises:
-        BadInputError: about `path`, see `forcectl.framework.series_file`; times below zero or too close.
+        BadInputError: about `path`, see `forcectl.framework.files.series_file`; times below zero or too close.
     """
     times, values = (signal.tolist() for signal in read_series(path, "time", column))
     with _in_column(path, "time"):

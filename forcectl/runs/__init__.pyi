@@ -1,7 +1,7 @@
-from forcectl.runs.columns import read_columns as read_columns
 from forcectl.runs.logs import read_netcdf as read_netcdf
 from forcectl.runs.logs import write_netcdf as write_netcdf
-from forcectl.runs.recorded import read_record as read_record
+from forcectl.runs.records.columns import read_columns as read_columns
+from forcectl.runs.records.recorded import read_record as read_record
 from forcectl.runs.replay.write import write_replay as write_replay
 from forcectl.runs.reproduce import Reproduction as Reproduction
 from forcectl.runs.result import RunResult as RunResult

@@ -29,7 +29,7 @@ from forcectl.conventions import SIGNALS, TRUTH, unit_of
 from forcectl.diagrams.derived import SOURCES, Derived
 from forcectl.errors import BadInputError, one_line
 from forcectl.force.guard.limits import Cause, Reaction
-from forcectl.framework.netcdf_file import check_netcdf
+from forcectl.framework.files.netcdf_file import check_netcdf
 from forcectl.qp.quadratic_program import Status
 from forcectl.runs.directory import write_file
 from forcectl.scenario.scenario import Scenario

@@ -22,7 +22,7 @@ from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, dump, parse
 from forcectl.runs.claims.claim import Place, claimed
 from forcectl.runs.directory import SUMMARY, write_file, write_json
-from forcectl.runs.record_checks import (
+from forcectl.runs.records.record_checks import (
     check_against_model,
     check_contact,
     check_rate,
@@ -30,7 +30,7 @@ from forcectl.runs.record_checks import (
     check_signs,
     check_stiffness,
 )
-from forcectl.runs.recorded import LONG_REST, NAMES, Recorded, read_record
+from forcectl.runs.records.recorded import LONG_REST, NAMES, Recorded, read_record
 from forcectl.runs.tuning_report import summary
 from forcectl.tuning.controller_basis import ControllerBasis, continuous_pid, discrete_pid, fir
 from forcectl.tuning.fit import VrftFit

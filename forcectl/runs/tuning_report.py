@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from forcectl.runs.recorded import Recorded
+from forcectl.runs.records.recorded import Recorded
 from forcectl.runs.terminal.listing import new_table
 from forcectl.tuning.fit import OUT_OF_REACH, VrftFit
 from forcectl.tuning.identifiability import HIGHEST

@@ -18,7 +18,7 @@ from forcectl.tuning.controller_basis import continuous_pid
 from forcectl.tuning.reference_model import first_order
 from forcectl.tuning.vrft import fit_vrft
 from tests.examples.vrft_records import TS, contact, trapezoidal_moves
-from tests.runs.test_recorded import good, write
+from tests.runs.records.test_recorded import good, write
 from tests.tuning.test_motor_positions import C_R, MOVES, record
 
 pytestmark = pytest.mark.usefixtures("plants_identified_once")

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 from scipy.signal import lfilter
 
-from forcectl.runs.recorded import Recorded
+from forcectl.runs.records.recorded import Recorded
 from forcectl.runs.tuning_report import gains_table, report_lines, summary
 from forcectl.tuning.controller_basis import continuous_pid, discrete_pid, fir
 from forcectl.tuning.reference_model import first_order

@@ -24,7 +24,7 @@ from pydrake.systems.framework import BasicVector, Context
 from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key, slot
-from forcectl.framework.series_file import check_meets, check_steepest, read_series
+from forcectl.framework.files.series_file import check_meets, check_steepest, read_series
 from forcectl.plant.contact.surface_materials import MaterialsConfig
 from forcectl.plant.contact.surface_moves import SurfaceMoveConfig, check_moves
 
@@ -386,7 +386,7 @@ def read_profile(path: str, length: float = math.inf) -> tuple[Array, Array]:
     """Positions and heights [m] of a profile file, each of shape (k,), k >= 2, of a path so far to both sides [m].
 
     Raises:
-        BadInputError: about `path`, see `forcectl.framework.series_file`; not in metres.
+        BadInputError: about `path`, see `forcectl.framework.files.series_file`; not in metres.
     """
     positions, heights = read_series(path, "position", "height")
     if abs(heights[k := int(np.abs(heights).argmax())]) > _HIGHEST:

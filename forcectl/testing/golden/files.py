@@ -14,7 +14,7 @@ import numpy as np
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.figures.file_names import file_name
-from forcectl.framework.netcdf_file import check_netcdf
+from forcectl.framework.files.netcdf_file import check_netcdf
 from forcectl.testing.golden.compare import as_log
 from forcectl.testing.runs import Log
 

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from forcectl.errors import BadInputError
-from forcectl.framework.netcdf_file import check_netcdf
+from forcectl.framework.files.netcdf_file import check_netcdf
 
 
 @pytest.fixture

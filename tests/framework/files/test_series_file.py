@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.framework.series_file import read_series
+from forcectl.framework.files.series_file import read_series
 
 
 def write(folder, text):

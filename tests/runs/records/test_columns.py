@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from forcectl.errors import BadInputError
-from forcectl.runs.columns import read_columns
+from forcectl.runs.records.columns import read_columns
 
 
 def write(folder, text, name="data.csv"):

@@ -1,4 +1,4 @@
-"""What a record must be for a controller to be tuned on it, beside what `forcectl.runs.recorded` asks of any."""
+"""What a record must be for a controller to be tuned on it, beside what `recorded` asks of any."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from scipy.signal import fftconvolve
 
 from forcectl.errors import BadInputError
 from forcectl.framework.fields import PHYSICAL
-from forcectl.runs.recorded import Recorded
+from forcectl.runs.records.recorded import Recorded
 from forcectl.tuning.fit import VrftFit
 from forcectl.tuning.reference_model import ReferenceModel, ReferenceModelConfig
 

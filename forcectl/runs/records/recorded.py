@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from forcectl.analysis.stretches import stretches
 from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError
-from forcectl.runs.columns import Column, Columns, read_columns
+from forcectl.runs.records.columns import Column, Columns, read_columns
 
 Array = NDArray[np.float64]
 
@@ -107,7 +107,7 @@ def read_record(
         flip_input: count displacements into the surface as negative, though the file has them positive.
 
     Raises:
-        BadInputError: one line that names the row or column and what to do; see `forcectl.runs.columns`, and
+        BadInputError: one line that names the row or column and what to do; see `forcectl.runs.records.columns`, and
             units, sampling, gaps, values that are missing, constant input, saturated force, too few rows.
     """
     table = read_columns(Path(os.path.expanduser(path)), variant)

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from forcectl.errors import BadInputError
-from forcectl.runs.recorded import read_record
+from forcectl.runs.records.recorded import read_record
 from tests.examples.vrft_records import TS, contact, trapezoidal_moves
 
 U = trapezoidal_moves()

@@ -9,14 +9,14 @@ import pytest
 from scipy.signal import lfilter
 
 from forcectl.errors import BadInputError
-from forcectl.runs.record_checks import check_signs, lead
-from forcectl.runs.recorded import read_record
+from forcectl.runs.records.record_checks import check_signs, lead
+from forcectl.runs.records.recorded import read_record
 from forcectl.runs.tune import tune_vrft
 from forcectl.tuning.controller_basis import continuous_pid, fir
 from forcectl.tuning.reference_model import first_order
 from forcectl.tuning.vrft import fit_vrft
 from tests.examples.vrft_records import TS
-from tests.runs.test_recorded import TIME, U, Y, good, write
+from tests.runs.records.test_recorded import TIME, U, Y, good, write
 
 pytestmark = pytest.mark.usefixtures("plants_identified_once")
 NOISE = 0.5 * np.random.default_rng(0).normal(size=Y.size)

@@ -1,0 +1,1 @@
+"""Recorded experiments: read from files, and what they must be for a controller to be tuned on them."""
