@@ -78,7 +78,8 @@ def moving_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFindin
 def _far_off(log: Pressing, part: slice) -> Iterator[RunFinding]:
     """Whether the force, in motion along a surface, stays off its constant reference by more than that."""
     time, error = log.time[part], np.abs(log.desired - log.true)[part]
-    away = [each for each in stretches(error > log.desired[part]) if lasts(time, each) >= _AWAY]
+    later = time >= time[0] + _LONG  # what the force does after a step is a rise or a fall
+    away = [each for each in stretches(later & (error > log.desired[part])) if lasts(time, each) >= _AWAY]
     if away:
         begin, total = float(time[away[0].start]), sum(lasts(time, each) for each in away)
         text = f"in motion along the surface the true force is up to {error.max():.3g} N off its constant reference"
