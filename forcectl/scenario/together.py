@@ -354,21 +354,10 @@ def _check_directions(scenario: Scenario) -> None:
         if key in normals and hasattr(surface, "direction"):
             used = bool(surface.heights or surface.slope)
             _check_across(f"{key}.surface.direction", surface.direction, normals[key], used)
-            _check_met(scenario, f"{key}.surface.direction", surface)
     if hasattr(scenario.motion, "direction") and len(normals) < 2:
         normal = next(iter(normals.values()), scenario.station.normal)
         used = scenario.motion.interval() is not None
         _check_across("motion.direction", scenario.motion.direction, normal, used)
-
-
-def _check_met(scenario: Scenario, key: str, surface: Any) -> None:
-    """Heights are not all beside the way of a motion along the surface."""
-    if not surface.heights or not hasattr(scenario.motion, "direction") or scenario.motion.interval() is None:
-        return
-    d, along = np.asarray(surface.direction, dtype=float), np.asarray(scenario.motion.direction, dtype=float)
-    if abs(d @ along) <= _PARALLEL * np.linalg.norm(d) * np.linalg.norm(along):
-        allowed = f"not across motion.direction = {scenario.motion.direction}, which meets no heights then"
-        raise invalid(key, surface.direction, allowed)
 
 
 def _check_across(key: str, direction: Sequence[float], normal: Sequence[float], used: bool) -> None:

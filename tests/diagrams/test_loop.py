@@ -227,13 +227,13 @@ def test_loads_act_when_they_are_said_to():
 )
 def test_a_load_that_cannot_be_is_refused_by_name(options, message):
     with pytest.raises(BadInputError) as caught:
-        LoadConfig(**{"wrenches": [[0.0] * 6], **options})
+        LoadConfig(**{"wrenches": [[0.0, 0, 0, 8, 0, 0]], **options})
     assert message in str(caught.value)
 
 
 def test_a_load_on_an_arm_that_is_not_there_is_refused():
     with pytest.raises(BadInputError, match="unknown arm 'middle'"):
-        motion_loop(*ARM, None, None, [LoadConfig(arm="middle", wrenches=[[0.0] * 6])])
+        motion_loop(*ARM, None, None, [LoadConfig(arm="middle", wrenches=[[0.0, 0, 0, 8, 0, 0]])])
 
 
 @pytest.mark.parametrize(

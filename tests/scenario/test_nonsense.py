@@ -61,11 +61,6 @@ REFUSED = [
     ("duration: 2\nguard: {patience: 50}", "guard.patience = 50.0: must be below duration = 2 s"),
     ("duration: 2\nmotion: {distance: 0.2, speed: 0.001}", "motion ends at 200 s: must end before 40 s, 20 times dura"),
     (
-        "motion: {direction: [1, 0, 0], speed: 0.02, distance: 0.02}\n"
-        "station: {environment: {surface: {direction: [0, 1, 0], heights: {w: !Waves {amplitude: 1e-5}}}}}",
-        "surface.direction = [0.0, 1.0, 0.0]: must be not across motion.direction = [1.0, 0.0, 0.0], which meets no",
-    ),
-    (
         "station: {sensors: {force: {faults: [{kind: nan, duration: 0.5}, {kind: value, start: 0.4}]}}}",
         "faults.1.start = 0.4: must be before or after the fault nan from 0 s to 0.5 s",
     ),
