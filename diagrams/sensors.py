@@ -13,7 +13,7 @@ from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_inputs, export_outputs, made_by, output_names
 from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named, frame_called
-from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig, check_acts, check_apart
+from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig, check_acts, clashing
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor, random_cross_talk
@@ -34,7 +34,10 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_apart(self.faults)
+        for i, j in clashing(self.faults):
+            one, other = self.faults[i], self.faults[j]
+            allowed = f"before or after the fault {one.kind} from {one.start:g} s to {one.end:g} s"
+            raise invalid(f"faults.{j}.start", other.start, allowed)
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> Diagram:
         """Add the block `force_sensor`.

@@ -14,7 +14,6 @@ rest, the tool just touching each surface with zero force. Kinematic is Fig. 2.5
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 from pydrake.systems.framework import Diagram
@@ -28,6 +27,7 @@ from forcectl.errors import check_distinct, invalid, unknown
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
+from forcectl.plant.sensors.force_fault import clashing
 
 SHIPPED_FIDELITIES = {
     "Multibody": MultibodyFidelity,
@@ -74,10 +74,10 @@ class StationConfig(Config):
                 raise unknown("fidelity", self.fidelity, SHIPPED_FIDELITIES)
             self.fidelity = SHIPPED_FIDELITIES[self.fidelity]()
         check_distinct("faults", self.faults)
-        for (i, one), (j, other) in combinations(enumerate(self.faults), 2):
-            if hasattr(one, "clashes") and hasattr(other, "clashes") and one.clashes(other):
-                allowed = f"outside of {one.start:g} to {one.end:g} s, where faults.{i} says the readings of the joint"
-                raise invalid(f"faults.{j}.start", other.start, allowed)
+        for i, j in clashing(self.faults):
+            one, other = self.faults[i], self.faults[j]
+            allowed = f"outside of {one.start:g} to {one.end:g} s, where faults.{i} says the readings of the joint"
+            raise invalid(f"faults.{j}.start", other.start, allowed)
 
     def environment_parts(self) -> dict[str, Any]:
         """The parts of the environment by name."""

@@ -16,7 +16,7 @@ _FAR = 0.5  # of the largest moment of inertia that the others may be short of a
 # Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
 _LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
 _MOST_TURNS = 50.0  # [rad] position limit of a joint that turns; beyond it is one in degrees
-FASTEST = 50.0  # [rad/s] velocity limit of a joint that turns; beyond it is one in degrees per second
+_FASTEST = 50.0  # [rad/s] velocity limit of a joint that turns; beyond it is one in degrees per second
 _ROUNDING = 1e-14
 LIMITS = ("lower", "upper", "effort", "velocity")
 _SMALLEST = {"effort": 1e-4, "velocity": 1e-5}  # that are not zero
@@ -112,8 +112,8 @@ def wrong_limits(limits: Mapping[str, float], turns: bool = False) -> Iterator[s
             yield f"{name} = {value:g}: must be at most {_LARGEST[name]:g} in size, or inf for none"
         elif turns and name in ("lower", "upper") and math.isfinite(value) and abs(value) > _MOST_TURNS:
             yield f"{name} = {value:g}: must be in radians, at most {_MOST_TURNS:g} in size, or inf for none"
-        elif turns and name == "velocity" and FASTEST < value < math.inf:
-            yield f"velocity = {value:g}: must be in rad/s, at most {FASTEST:g}, or inf for none"
+        elif turns and name == "velocity" and _FASTEST < value < math.inf:
+            yield f"velocity = {value:g}: must be in rad/s, at most {_FASTEST:g}, or inf for none"
         elif 0 < value < _SMALLEST.get(name, 0.0):
             yield f"{name} = {value:g}: must be at least {_SMALLEST[name]:g}, or inf for none"
 

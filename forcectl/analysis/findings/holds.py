@@ -56,8 +56,7 @@ def _holds(log: Pressing) -> list[slice]:
 
 
 def moving_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
-    """What no change explains: swings in motion along an even surface and beside a reference that varies, and a force
-    that stays far off in motion."""
+    """What no change explains: swings in motion and beside a reference that varies, and a force far off in motion."""
     found: list[RunFinding] = []
     same = np.concatenate([[False], np.diff(log.desired) == 0]) & (log.desired > 0)
     for part in _long(log, log.sliding & same):

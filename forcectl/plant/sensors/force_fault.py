@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,9 +50,19 @@ class ForceFaultConfig(Config):
         if self.kind in _WITHOUT_VALUE and self.value != 0:
             raise invalid("value", self.value, f"left out: {self.kind} has none")
 
+    @property
+    def end(self) -> float:
+        """From which on it does not act any more [s]."""
+        return self.start + self.duration
+
+    def clashes(self, other: ForceFaultConfig) -> bool:
+        """Whether it is the same fault, or both act at the same time and neither leaves anything of the reading."""
+        together = self.start < other.end and other.start < self.end
+        return self == other or (together and {self.kind, other.kind} <= _INSTEAD)
+
     def acts(self, time: float) -> bool:
         """Whether it does at the tick of this time [s]."""
-        return self.start <= time + _ROUNDING < self.start + self.duration
+        return self.start <= time + _ROUNDING < self.end
 
     def ticks(self, period: float) -> int:
         """How many ticks a reading may be late."""
@@ -103,22 +115,11 @@ def check_acts(key: str, start: float, duration: float, period: float) -> None:
         raise invalid(key, duration, f"at least a control tick, {period:g} s")
 
 
-def check_apart(faults: Sequence[ForceFaultConfig]) -> None:
-    """Refuse a fault that stands twice, and two at one time of which each leaves nothing of the reading.
-
-    Args:
-        faults: in the order in which they act.
-
-    Raises:
-        BadInputError: about the start of the later one, at its key from `faults` on.
-    """
-    for i, fault in enumerate(faults):
-        for before in faults[:i]:
-            end = before.start + before.duration
-            overlaps = fault.start < end and before.start < fault.start + fault.duration
-            if fault == before or (overlaps and {fault.kind, before.kind} <= _INSTEAD):
-                text = f"before or after the fault {before.kind} from {before.start:g} s to {end:g} s"
-                raise invalid(f"faults.{i}.start", fault.start, text)
+def clashing(faults: Sequence[Any]) -> Iterator[tuple[int, int]]:
+    """Places of two faults that clash, the first one first; faults of a user's own without `clashes` do not."""
+    for (i, one), (j, other) in combinations(enumerate(faults), 2):
+        if hasattr(one, "clashes") and hasattr(other, "clashes") and one.clashes(other):
+            yield i, j
 
 
 class FaultyForce(SampledBlock):
