@@ -2,13 +2,15 @@
 
     dx_bar = x_a + u,    x_a: displacement of the move, u: command of the force law
 
-    APPROACH  x_a' = -speed              until F > threshold: back by speed t_b, then TOUCH
-    TOUCH     x_a' = 0 until F < threshold/2, then -touch_speed until F > threshold: back by touch_speed t_b;
+    APPROACH  x_a' = -p speed            until F > threshold: back by speed t_b, then TOUCH
+    TOUCH     x_a' = 0 until F < threshold/2, then -p touch_speed until F > threshold: back by touch_speed t_b;
               at rest for `patience`, in the beginning or in the end: CONTACT
     CONTACT   x_a' = 0, the law gets F_bar and F; F < threshold/2 for `patience` with F_bar > threshold: TOUCH
     LEAVE     from all modes with F_bar <= 0: x_a' = speed for the clearance, then rest; F_bar > 0: APPROACH
     GAVE_UP   at rest, after `timeout` in APPROACH or TOUCH without a contact
 
+p rises from 0 to 1 within `rise_time` as a motion towards the surface begins. Motors stick until their loops have built
+up the torque of friction, and then catch up: with a speed that is there at once, at up to twice that speed.
 Outside of CONTACT the law gets zero for both forces, so that it rests where it is: the command does not jump when it
 takes over. Two touches, the second one slow, because a fast one overtravels by what sensor and drives lag behind.
 
@@ -66,7 +68,7 @@ class GuardedMove(SampledBatch):
     name: GuardedMove
     input_ports: [desired_force, measured_force]
     output_ports: [approach_displacement, approach_mode, regulated_force, felt_force]
-    parameters: [speed, threshold, touch_speed, step_back, patience, timeout, clearance]
+    parameters: [speed, threshold, touch_speed, step_back, patience, timeout, clearance, rise_time]
     ```
 
     desired_force, measured_force: shape (n,) [N].
@@ -76,7 +78,7 @@ class GuardedMove(SampledBatch):
     All outputs are feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): speed and touch_speed [m/s], threshold [N], patience and timeout [s], clearance
-    [m], positive and finite; step_back t_b [s] >= 0.
+    [m], positive and finite; step_back t_b and rise_time [s] >= 0.
 
     A force that is not a number holds displacement and mode, and is handed on in CONTACT, for the law to hold.
 
@@ -97,6 +99,7 @@ class GuardedMove(SampledBatch):
         patience: ArrayLike,
         timeout: ArrayLike,
         clearance: ArrayLike,
+        rise_time: ArrayLike,
         period: float = 0.002,
     ):
         positive = "positive and finite"
@@ -108,20 +111,22 @@ class GuardedMove(SampledBatch):
             "patience": BatchParameter(patience, positive, "s"),
             "timeout": BatchParameter(timeout, positive, "s"),
             "clearance": BatchParameter(clearance, positive, "m"),
+            "rise_time": BatchParameter(rise_time, "not negative", "s"),
         }
         super().__init__(size, parameters)
         inputs = [self.DeclareVectorInputPort(name, size) for name in ("desired_force", "measured_force")]
         self.sample_delay = {("measured_force", "felt_force"): 0.0}
         shown = ("approach_displacement", "approach_mode", "regulated_force", "felt_force")
-        # Times without contact and at rest or without force [s], stage of TOUCH, and what is left to leave [m].
-        own = ("searching", "waiting", "stage", "to_leave")
+        # Times without contact and at rest or without force [s], stage of TOUCH, share p of the speed, and what is left
+        # to leave [m].
+        own = ("searching", "waiting", "stage", "pace", "to_leave")
         self.declare_memory(dict.fromkeys((*shown, *own), 0.0), inputs, period)
         self.show(*shown)
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the move."""
         m, period = self.math, self._period
-        speed, threshold, slow, back, patience, timeout, clearance = self.values(context)
+        speed, threshold, slow, back, patience, timeout, clearance, rise_time = self.values(context)
         desired, force = inputs["desired_force"], inputs["measured_force"]
         good = (abs(desired) < np.inf) & (abs(force) < np.inf)
         mode, x = memory["approach_mode"], memory["approach_displacement"]
@@ -149,8 +154,10 @@ class GuardedMove(SampledBatch):
         )
         away = m.minimum(to_leave, speed * period)
         moved = m.where(approach & began & (after == _TOUCH), speed * back, 0.0)
-        moved = m.where((after == _APPROACH) & wanted, -speed * period, moved)
-        moved = m.where(touch & (after == _TOUCH) & slowly, -slow * period, moved)
+        comes, returns = (after == _APPROACH) & wanted, touch & (after == _TOUCH) & slowly
+        pace = m.where(comes | returns, m.minimum(memory["pace"] + period / m.maximum(rise_time, period), 1.0), 0.0)
+        moved = m.where(comes, -pace * speed * period, moved)
+        moved = m.where(returns, -pace * slow * period, moved)
         moved = m.where(touch & (stage == _THERE) & (memory["stage"] == _SLOWLY), slow * back, moved)
         new = {
             "approach_displacement": x + moved + away,
@@ -159,6 +166,7 @@ class GuardedMove(SampledBatch):
             # What begins with a stage, or a mode, waits anew; a contact that was lost is looked for at once.
             "waiting": m.where(began | (stage != memory["stage"]), 0.0, waiting),
             "stage": m.where(began, m.where(contact, _SLOWLY, _AWAY), stage),
+            "pace": pace,
             "to_leave": to_leave - away,
         }
         new = self.choose(good, new, memory)
@@ -306,6 +314,9 @@ class ApproachConfig(AroundLawConfig, Config):
     clearance: float = key(
         0.01, "how far it leaves when the desired force is zero", unit="m", bounds="above 0 and at most 1"
     )
+    rise_time: float = key(
+        0.5, "in which a motion towards the surface comes to its speed", unit="s", bounds="from 0 to 10"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -317,6 +328,13 @@ class ApproachConfig(AroundLawConfig, Config):
     def approach_speed(self) -> tuple[str, float]:
         """Key and value of the speed [m/s] at which a surface is met."""
         return "speed", self.speed
+
+    def time_for(self, distance: float) -> float:
+        """Time that the first motion takes for a distance [m, s]."""
+        rising = 0.5 * self.speed * self.rise_time  # [m] until it has its speed
+        if distance < rising:
+            return float(np.sqrt(distance / rising) * self.rise_time)
+        return self.rise_time + (distance - rising) / self.speed
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ApproachForceLaw | ApproachedController:
         """Add the guarded move and the law behind it."""
@@ -330,6 +348,7 @@ class ApproachConfig(AroundLawConfig, Config):
             patience=self.patience,
             timeout=self.timeout,
             clearance=self.clearance,
+            rise_time=self.rise_time,
             period=model.period,
         )
         add_approached = getattr(self.law, "add_approached", None)

@@ -214,8 +214,8 @@ def _check_reach(scenario: Scenario) -> None:
     if not gap or not surface.even or surface.slope or scenario.motion.interval() is not None:
         return
     if hasattr(controller, "touch_speed"):
-        if controller.speed * controller.timeout < gap:
-            allowed = f"at least {gap / controller.speed:.4g} s, which speed takes for surface.gap = {gap:g} m"
+        if controller.timeout < (least := controller.time_for(gap)):
+            allowed = f"at least {least:.4g} s, which speed takes for surface.gap = {gap:g} m"
             raise invalid("controller.timeout", controller.timeout, allowed)
         return
     for key, field, value in _own_values(controller, "controller", "m"):

@@ -44,7 +44,9 @@ def passivity(size: int = 2, **changed: object) -> PassivityController:
 
 def guarded_move(size: int = 2, **changed: object) -> GuardedMove:
     keys = {"speed": 0.02, "threshold": 1.0, "touch_speed": 0.003, "step_back": 0.01}
-    return GuardedMove(size, **{**keys, "patience": 0.01, "timeout": 0.05, "clearance": 0.01, **changed})
+    return GuardedMove(
+        size, **{**keys, "patience": 0.01, "timeout": 0.05, "clearance": 0.01, "rise_time": 0.02, **changed}
+    )
 
 
 MODEL = PlantModel(2, 0.002, np.full(2, 3e-5), np.full(2, 2e-4), 12.6, 1.0, 0.0)

@@ -17,12 +17,13 @@ from tests.force.baselines.ideal_plant import model
 
 PERIOD = 0.002
 KEYS = {"speed": 0.02, "threshold": 1.0, "touch_speed": 0.004, "step_back": 0.1, "patience": 0.1, "timeout": 2.0}
+KEYS |= {"clearance": 0.005, "rise_time": 0.0}
 APPROACH, TOUCH, CONTACT, LEAVE, GAVE_UP = map(float, ApproachMode)
 
 
 def moves(force, ticks: int, desired=15.0, **changed: float) -> Log:
     """A guarded move that is given forces over time, numbers or functions of it."""
-    block = GuardedMove(1, **{**KEYS, "clearance": 0.005, **changed}, period=PERIOD)
+    block = GuardedMove(1, **{**KEYS, **changed}, period=PERIOD)
     inputs = {"desired_force": desired, "measured_force": force}
     return run_diagram(block, (ticks - 1) * PERIOD, period=PERIOD, inputs=inputs)
 
@@ -30,7 +31,7 @@ def moves(force, ticks: int, desired=15.0, **changed: float) -> Log:
 def on_a_wall(depth: float, stiffness: float = 1e4, desired=15.0, ticks: int = 2000, **changed: float) -> Log:
     """The move alone against a wall at -depth [m], without lags."""
     builder = DiagramBuilder()
-    move = builder.AddNamedSystem("move", GuardedMove(1, **{**KEYS, "clearance": 0.005, **changed}, period=PERIOD))
+    move = builder.AddNamedSystem("move", GuardedMove(1, **{**KEYS, **changed}, period=PERIOD))
     touched = builder.AddNamedSystem("wall", wall(depth, stiffness))
     builder.Connect(move.GetOutputPort("approach_displacement"), touched.get_input_port())
     builder.Connect(touched.get_output_port(), move.GetInputPort("measured_force"))
@@ -53,6 +54,16 @@ def test_it_moves_at_its_speed_until_the_threshold_and_goes_back():
     assert (mode[:250] == APPROACH).all()
     assert mode[250] == TOUCH
     assert x[250] == pytest.approx(x[249] + 0.02 * 0.1)
+
+
+def test_it_comes_to_its_speed_within_the_rise_time_in_both_touches():
+    log = moves(lambda t: 5.0 if 0.6 < t < 0.7 or t > 1.6 else 0.0, 900, rise_time=0.4)
+    speed, mode = np.diff(log["approach_displacement"][:, 0]) / PERIOD, log["approach_mode"][1:, 0]
+    risen = np.minimum(np.arange(1, 901) / 200, 1.0)
+    first, second = speed[(mode == APPROACH)], speed[(mode == TOUCH) & (speed < 0.0)]
+    assert (len(first), len(second)) == (300, 451)
+    np.testing.assert_allclose(first, -0.02 * risen[1:301], atol=1e-12)  # the first tick has none to differ from
+    np.testing.assert_allclose(second, -0.004 * risen[:451], atol=1e-12)
 
 
 def test_it_touches_twice_and_hands_over_at_rest():
@@ -205,10 +216,18 @@ def test_the_integral_law_takes_over_without_a_jump_and_keeps_the_contact(stiffn
 
 def test_a_law_that_reads_the_motors_is_not_given_the_approach():
     """Of the same law with the move's displacement added to what its motors read: the same command, moved on."""
-    config = ApproachConfig(law=PredictiveInvarianceConfig(), speed=0.02)
+    config = ApproachConfig(law=PredictiveInvarianceConfig(), speed=0.02, rise_time=0.0)
     law = config.add_to(DiagramBuilder(), model())
     inputs = {"desired_force": 15.0, "measured_force": 0.0, "path_displacement": 0.0}
     following = {**inputs, "motor_displacement": lambda t: -0.02 * (round(t / PERIOD) + 1) * PERIOD}
     log = run_diagram(law, 0.2, period=PERIOD, inputs=following)
     np.testing.assert_allclose(log["displacement_command"], log["approach_displacement"], atol=1e-12)
     np.testing.assert_allclose(log["drive_offset"], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("distance", [1e-4, 0.004, 0.03])
+def test_the_time_for_a_distance_is_when_the_first_motion_is_there(distance):
+    config = ApproachConfig(speed=0.02, rise_time=0.5)
+    log = moves(0.0, 1200, speed=0.02, rise_time=0.5, timeout=5.0)
+    there = log.time[np.flatnonzero(log["approach_displacement"][:, 0] <= -distance)[0]]
+    assert there == pytest.approx(config.time_for(distance), abs=3 * PERIOD)

@@ -96,14 +96,19 @@ def test_behind_the_move_it_is_the_scalar_law(law: Tagged, scalar: str, speed: f
     expected = fc.run(scenario("OneDimensional", own, 1e4, speed, duration=4.0))
     for name in ("impact_peak_N", "largest_force_N", "hand_over_s"):
         assert metrics(joints)[name] == pytest.approx(metrics(expected)[name], rel=0.02), name
-    force, other, mode = (*signals(joints, "contact_force"), *signals(expected, "contact_force", "approach_mode"))
-    # The step back of 5 mm is spread over some ticks, as the joints can follow it: the hand-over may be a tick later.
-    np.testing.assert_allclose(force[mode == CONTACT], other[mode == CONTACT], atol=0.3)
+    # The step back of 5 mm is spread over some ticks, as the joints can follow it: the hand-over may be two later.
+    both = [signals(each, "contact_force", "approach_mode") for each in (joints, expected)]
+    force, other = (force[mode == CONTACT] for force, mode in both)
+    ticks = min(len(force), len(other))
+    assert max(len(force), len(other)) <= ticks + 2
+    np.testing.assert_allclose(force[:ticks], other[:ticks], atol=0.3)
 
 
 def test_the_surface_is_touched_and_pressed_on() -> None:
     result = fc.run(
-        scenario("OneDimensional", INVARIANCE, 1e4, 0.02, surface={"gap": 0.001}, patience=0.3, duration=1.4)
+        scenario(
+            "OneDimensional", INVARIANCE, 1e4, 0.02, surface={"gap": 0.001}, patience=0.3, rise_time=0.0, duration=1.4
+        )
     )
     assert_contact(result)
     assert metrics(result)["impact_peak_N"] == pytest.approx(12.2, abs=0.3)  # that of any law, docs/which_law.md
@@ -137,7 +142,7 @@ def test_a_desired_force_of_zero_leaves_the_surface_and_another_one_comes_back()
 
 def test_without_a_surface_it_gives_up_and_rests() -> None:
     surface = {"gap": 0.002, "moves": [{"start": 0.0, "distance": -0.05, "duration": 0.1}]}
-    move = {"speed": 0.01, "patience": 0.3, "timeout": 0.3}
+    move = {"speed": 0.01, "patience": 0.3, "timeout": 0.3, "rise_time": 0.0}
     result = fc.run(scenario("Kinematic", INVARIANCE, surface=surface, duration=0.6, **move))
     mode, joints, move = signals(result, "approach_mode", "joint_position_command", "approach_displacement")
     assert way(mode) == [APPROACH, GAVE_UP]
@@ -150,7 +155,8 @@ def test_a_wall_in_front_of_the_surface_ends_the_move() -> None:
     height = float(model.robot.tip_position(model.robot.context_at(model.start))[2])
     wall = Tagged({"point": [0.0, 0.0, height - 0.002], "normal": [0.0, 0.0, 1.0]}, "Wall")
     law = Tagged({"constraints": [wall]}, "InvarianceRobot")
-    result = fc.run(scenario("Kinematic", law, surface={"gap": 0.004}, patience=0.2, timeout=0.2, duration=0.4))
+    move = {"patience": 0.2, "timeout": 0.2, "rise_time": 0.0}
+    result = fc.run(scenario("Kinematic", law, surface={"gap": 0.004}, duration=0.4, **move))
     mode, force, dx = signals(result, "approach_mode", "contact_force", "displacement_command")
     assert way(mode) == [APPROACH, GAVE_UP]
     assert not force.any()
@@ -164,7 +170,7 @@ def test_a_wall_in_front_of_the_surface_ends_the_move() -> None:
 )
 def test_the_guard_keeps_its_largest_force_at_the_first_touch(fidelity: str, stiffness: float, speed: float) -> None:
     guard = {"maximum_force": 30.0, "stiffness_margin": 1.0}
-    base = scenario(fidelity, INVARIANCE, stiffness, speed, {"gap": 0.15 * speed}, guard=guard, duration=0.4)
+    base = scenario(fidelity, INVARIANCE, stiffness, speed, {"gap": 0.3 * speed}, guard=guard, duration=0.8)
     assert 20.0 < float(fc.run(base).log["contact_force"].max()) < 30.0
     faster = scenario(fidelity, INVARIANCE, stiffness, 1.1 * speed, guard=guard)
     with pytest.raises(BadInputError, match=r"controller.speed = .* m/s: the first touch comes to .* at most "):
@@ -186,7 +192,7 @@ def test_a_loss_is_looked_for_with_the_joints_at_rest_in_the_law() -> None:
     def force(t: float) -> float:
         return 5.0 if 0.2 < t < 0.5 or t > 1.2 else 0.0
 
-    config = ApproachConfig(law=InvarianceRobotConfig(), patience=0.1, touch_speed=0.004)
+    config = ApproachConfig(law=InvarianceRobotConfig(), patience=0.1, touch_speed=0.004, rise_time=0.0)
     law = config.add_to(DiagramBuilder(), robot_plant_model())
     start = robot_plant_model().start
     inputs = {"desired_force": 15.0, "measured_force": force, "unconstrained_reference": np.zeros(6)}

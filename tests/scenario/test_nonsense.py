@@ -247,7 +247,7 @@ REFUSED = [
     (
         "station: {environment: {surface: {gap: 0.05}}}\ncontroller: !Approach {timeout: 2}",
         "build",
-        "controller.timeout = 2.0: must be at least 2.5 s, which speed takes for surface.gap = 0.05 m",
+        "controller.timeout = 2.0: must be at least 2.75 s, which speed takes for surface.gap = 0.05 m",
     ),
     (
         "station: {environment: {surface: {gap: 0.05}}}\ncontroller: {lower_limit: -0.01}",
