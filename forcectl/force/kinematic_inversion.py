@@ -22,6 +22,7 @@ from scipy.linalg.lapack import dgesv
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.block import PythonBlock, PythonDiagram
+from forcectl.models import ROBOT_PARAMETERS, parameter_file, robot_and_arm
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
@@ -81,11 +82,14 @@ def check_start_posture(robot: RobotModel, posture: Vector, n: Vector, limit: fl
     size = float(np.linalg.norm(direction))
     if not size <= limit:
         degrees = np.round(np.degrees(posture), 3).tolist()
-        raise BadInputError(
+        text = (
             f" = {degrees}: is singular for motion along {n.tolist()} "
-            f"(|J^-1 n| = {size:.3g} rad/m, must be at most {limit:g})",
-            key="posture_deg",
+            f"(|J^-1 n| = {size:.3g} rad/m, must be at most {limit:g})"
         )
+        if robot.source[0] and np.array_equal(posture, robot.parameters.default_posture):
+            file = parameter_file(robot_and_arm(robot.source[0])[0], ROBOT_PARAMETERS).name
+            raise BadInputError(f"{text}; or give station.posture_deg").at("default_posture_deg", file)
+        raise BadInputError(text, key="posture_deg")
     return direction
 
 

@@ -16,15 +16,14 @@ within a factor of 4. Friction decides how well forces are felt and how a force 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.multibody.tree import JointActuator
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError
 from forcectl.robot.parameters import DERIVED, ControlParameters
 
 Array = NDArray[np.float64]
@@ -36,8 +35,6 @@ ACCELERATION_TIME = 0.15  # [s]
 DAMPING_RATIO = 0.04
 COULOMB_SHARE, VISCOUS_SHARE = 0.05, 0.15
 ASSUMED_SET = "assumed"
-_SLOWED = 10.0  # times the largest torque, that friction at the largest speed may be: a slip, and no drive
-LOOP_INERTIA = 0.01, 1e4  # of what a velocity loop is tuned for, to its rotor
 
 
 def completed(
@@ -62,7 +59,7 @@ def completed(
         if left_out and not np.isfinite(limit).all():
             without = [joint for joint, one in zip(parameters.arm_joints, limit, strict=True) if not np.isfinite(one)]
             raise BadInputError(
-                f"{parameters.model}: {name} is missing: the model gives none of {', '.join(without)}, and "
+                f"{parameters.model}: {name} is missing: the model gives none, or 0, of {', '.join(without)}, and "
                 f"{', '.join(left_out)} are left out"
             )
     values: dict[str, Any] = {}
@@ -107,31 +104,3 @@ def completed(
     made = replace(parameters, **values)
     made.assumed = assumed
     return made
-
-
-def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuator], file: str) -> None:
-    """Refuse drives that cannot overcome their own friction, and loops that are tuned for something else.
-
-    Args:
-        parameters: with everything that they leave out.
-        actuators: of the joints, with their limits.
-        file: that the parameters are from.
-
-    Raises:
-        BadInputError: there are such drives.
-    """
-    torque = np.array([actuator.effort_limit() for actuator in actuators])
-    speed = np.array([float(actuator.joint().velocity_upper_limits()[0]) for actuator in actuators])
-    slowest = np.where(np.isfinite(speed) & np.isfinite(torque), _SLOWED * torque / speed, np.inf)
-    tuned, rotors = parameters.velocity_loop_inertia, parameters.rotor_inertia * parameters.gear_ratio**2
-    least, most = LOOP_INERTIA
-    if (parameters.coulomb_friction + np.abs(parameters.friction_offset) >= torque).any():
-        name, allowed = "coulomb_friction", f"with friction_offset below the torque limits {torque.tolist()}"
-    elif (parameters.viscous_friction > slowest).any():
-        name = "viscous_friction"
-        allowed = f"at most {_SLOWED:g} times torque limits over velocity limits, {slowest.round(1).tolist()}"
-    elif tuned.size and ((rotors > 0) & ((tuned < least * rotors) | (tuned > most * rotors))).any():
-        name, allowed = "velocity_loop_inertia", f"{least:g} to {most:g} times the rotors, joint side {rotors.tolist()}"
-    else:
-        return
-    raise invalid(name, getattr(parameters, name).tolist(), allowed).at(name, file)

@@ -138,8 +138,8 @@ class ControlParameters(Config):
         unit="rad/Nm, m/N",
         bounds="from 0 to 0.1",
     )
-    link_compliance_sets: list[str] = key(
-        [], "sets of joint stiffness to which it is added; empty: every one. The others include it already"
+    link_compliance_sets: list[str] | None = key(
+        None, "sets of joint stiffness to which it is added; null: every one. The others include it already"
     )
     assumed: dict[str, str] = field(default_factory=dict, init=False)  # keys that were left out, and the rule instead
 
@@ -189,7 +189,8 @@ class ControlParameters(Config):
     def bending(self, name: str | None = None) -> dict[str, np.ndarray]:
         """The link compliance that goes with a joint-stiffness set; nothing where the set includes it."""
         name = self.default_stiffness_set if name is None else name
-        return {} if self.link_compliance_sets and name not in self.link_compliance_sets else self.link_compliance
+        chosen = self.link_compliance_sets
+        return {} if chosen is not None and name not in chosen else self.link_compliance
 
     def only(self, arm: str) -> ControlParameters:
         """The parameters of one arm of a robot that has several; the joints of the others are held in the default
@@ -314,7 +315,7 @@ def missing_limits(keys: Mapping[str, Any], model: Path) -> list[str]:
             meaning = f"{declared.meaning.partition(';')[0]} [{declared.unit}]"
             texts.append(
                 f"{name} is missing: must be a list of numbers ({meaning}): "
-                f"{model.name} gives none of {', '.join(without)}"
+                f"{model.name} gives none, or 0, of {', '.join(without)}"
             )
     return texts
 
@@ -349,7 +350,9 @@ def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
         yield f"ignored_collisions.{i}", pair, "two different links", len(pair) == 2 and len(set(pair)) == 2
     for frame, compliance in parameters.link_compliance.items():
         yield _numbers(f"link_compliance.{frame}", compliance, 6)
-    for name in parameters.link_compliance_sets:
+    bent = parameters.link_compliance_sets
+    yield "link_compliance_sets", bent, f"at least one of the stiffness sets ({known}), or left out", bent != []
+    for name in bent or []:
         yield "link_compliance_sets", name, f"stiffness sets ({known})", name in parameters.joint_stiffness
     pairs = []
     for i, coupling in enumerate(parameters.motor_coupling):

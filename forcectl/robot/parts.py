@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +24,16 @@ from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.models import ROBOT_PARAMETERS, parameter_file, robot_and_arm, tool_folder
-from forcectl.robot.assumptions import check_drives, completed
+from forcectl.robot.assumptions import completed
+from forcectl.robot.checks import (
+    about_robot,
+    check_drives,
+    check_moved_mass,
+    check_range,
+    check_tool_mass,
+    check_way,
+    check_weight,
+)
 from forcectl.robot.model_file import ModelFile, all_bodies, parse_models, some_bodies
 from forcectl.robot.parameters import (
     ArmParameters,
@@ -34,8 +43,6 @@ from forcectl.robot.parameters import (
     load_tool_parameters,
 )
 from forcectl.robot.urdf import Urdf, UrdfJoint
-
-_HEAVIEST_TOOL = 2000.0  # [kg]: the largest robots carry little more
 
 Tool = str | Path | None  # shipped name, tool folder, or the bare flange
 
@@ -122,9 +129,11 @@ def add_robot(
         BadInputError: unknown robot, arm or tool, or a model that does not fit its parameters.
     """
     folder, arm = robot_and_arm(robot)
-    parameters = load_control_parameters(folder)
-    parts = add_robot_with(plant, folder, parameters if arm is None else parameters.only(arm), tool, X_WB)
-    check_drives(parts.parameters, parts.actuators, parameter_file(folder, ROBOT_PARAMETERS).name)
+    parameters, file = load_control_parameters(folder), parameter_file(folder, ROBOT_PARAMETERS).name
+    with about_robot(file):
+        parts = add_robot_with(plant, folder, parameters if arm is None else parameters.only(arm), tool, X_WB)
+        check_drives(parts.parameters, parts.actuators)
+        check_weight(plant, parts.instance, parts.parameters, parts.actuators)
     return parts
 
 
@@ -158,9 +167,8 @@ def add_robot_with(
     followers = _mimics(plant, whole.urdf.joints, parameters, instance)
     _hold(plant, parameters.held_joints | followers, instance)
     joints = tuple(_revolute_or_prismatic(plant, name, instance) for name in parameters.arm_joints)
-    for joint, position in zip(joints, parameters.default_posture, strict=True):
-        if not joint.position_lower_limits()[0] <= position <= joint.position_upper_limits()[0]:
-            raise invalid(f"default posture of {joint.name()} [rad]", float(position), "within the joint's limits")
+    for i, (joint, position) in enumerate(zip(joints, parameters.default_posture, strict=True)):
+        check_range(joint, float(position), parameters.model, f"default_posture_deg.{i}")
         joint.set_default_positions(np.array([position]))
     actuators = tuple(_actuator(plant, joint, whole.urdf) for joint in joints)
     parameters = _completed(parameters, joints, actuators, whole.urdf)
@@ -169,41 +177,15 @@ def add_robot_with(
     for name, one in arms.items():
         mine, flange = slice(first, first + len(one.joints)), _flange(plant, one, name, instance)
         parts[name] = ArmParts(name, mine, flange, tcp_frame=flange)
-        _check_way(plant, joints[mine], flange)
+        check_way(plant, joints[mine], flange)
         if name in tools:
             tool_parameters, called = tools[name]
             parts[name] = _with_tool(plant, parts[name], instances[called], tool_parameters)
         first = mine.stop
     for joint in joints:
-        _check_moved_mass(plant, joint)
+        check_moved_mass(plant, joint, parameters.model)
     missing_shapes = tuple(text for model in models.values() for text in model.urdf.missing_shapes)
     return RobotParts(parameters, instance, joints, actuators, parts, missing_shapes)
-
-
-def _check_way(plant: MultibodyPlant, joints: Sequence[Joint], flange: Frame) -> None:
-    """BadInputError unless every joint of an arm moves its flange."""
-    above = {joint.child_body().index(): joint for joint in map(plant.get_joint, plant.GetJointIndices())}
-    body, passed = flange.body().index(), set()
-    while body in above and body not in passed:
-        passed.add(body)
-        body = above[body].parent_body().index()
-    for joint in joints:
-        if joint.child_body().index() not in passed:
-            raise invalid("flange_frame", flange.name(), f"moved by every joint of the arm, also by {joint.name()}")
-
-
-def _check_moved_mass(plant: MultibodyPlant, joint: Joint) -> None:
-    """BadInputError unless a joint moves a mass: that of its link, or of what is welded to it."""
-    moved = plant.GetBodiesWeldedTo(joint.child_body())
-    if not sum(body.default_mass() for body in moved) > 0:
-        raise BadInputError(f"link {joint.child_body().name()!r}: mass = 0 kg: must be above zero in a link that moves")
-
-
-def _check_tool_mass(plant: MultibodyPlant, tool: ModelInstanceIndex) -> None:
-    mass = sum(plant.get_body(i).default_mass() for i in plant.GetBodyIndices(tool))
-    if mass > _HEAVIEST_TOOL:
-        name = plant.GetModelInstanceName(tool)
-        raise BadInputError(f"tool {name!r}: mass = {mass:g} kg: must be at most {_HEAVIEST_TOOL:g} kg", key="tool")
 
 
 def _tool_of_each(tool: Tool | Mapping[str, Tool], arms: Iterable[str]) -> dict[str, str | Path]:
@@ -228,7 +210,7 @@ def _only_arm(parameters: ControlParameters) -> ArmParameters:
 
 
 def _flange(plant: MultibodyPlant, arm: ArmParameters, name: str, instance: ModelInstanceIndex) -> Frame:
-    flange = frame_named(plant, arm.flange_frame, instance)
+    flange = frame_named(plant, arm.flange_frame, instance, "flange_frame")
     if not any(arm.flange_turn_deg):
         return flange
     turn = RigidTransform(RollPitchYaw(np.radians(arm.flange_turn_deg)), np.zeros(3))
@@ -319,7 +301,7 @@ def _completed(
 
 def _with_tool(plant: MultibodyPlant, arm: ArmParts, tool: ModelInstanceIndex, parameters: ToolParameters) -> ArmParts:
     """`arm` with a tool welded to its flange."""
-    _check_tool_mass(plant, tool)
+    check_tool_mass(plant, tool)
     plant.WeldFrames(arm.flange_frame, frame_named(plant, parameters.mount_frame, tool))
     _hold(plant, parameters.held_joints, tool)
     ball, sensor, weld = parameters.contact_ball_frame, parameters.sensor_frame, parameters.sensor_weld
@@ -347,7 +329,7 @@ def _hold(plant: MultibodyPlant, positions: dict[str, float], instance: ModelIns
     for name, position in positions.items():
         joint = _revolute_or_prismatic(plant, name, instance)
         if not joint.position_lower_limits()[0] <= position <= joint.position_upper_limits()[0]:
-            raise invalid(f"held joint {name} [rad, m]", position, "within the joint's limits")
+            raise invalid(f"held_joints.{name}", position, "within the joint's limits [rad, m]")
         parent, child, X = joint.frame_on_parent(), joint.frame_on_child(), _across(joint, position)
         for actuator in _actuators(plant, joint):
             plant.RemoveJointActuator(actuator)

@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 LIGHTEST, HEAVIEST = 1e-9, 1e4  # [kg] of a link that moves
 _AWAY = 5.0  # [m] of a link's origin to its centre of mass, at most
 _WIDEST = 5.0  # [m] radius of gyration of a link, at most
+# Of the largest moment of inertia of the densest body there is, a ball of osmium: a link of 10 kg has a radius of
+# gyration of 1 mm at least. Wide, for links of public models have guessed moments, such as 1e-6 kg m2 of 1 kg.
+_SMALLEST_MOMENT = 1e-3
+_OSMIUM = 22.6e3  # [kg/m3]
 _FAR = 0.5  # of the largest moment of inertia that the others may be short of a body's: a slip, and no estimate
 # Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
 _LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
@@ -152,6 +156,9 @@ def wrong_body(
     if mass > 0 and moments[2] > mass * _WIDEST**2:
         allowed = f"at most mass x ({_WIDEST:g} m)^2 = {mass * _WIDEST**2:.3g} kg m2"
         return f"{principal}: must be {allowed}"
+    least = _SMALLEST_MOMENT * 0.4 * mass * (3 * mass / (4 * math.pi * _OSMIUM)) ** (2 / 3)
+    if moved and mass > 0 and 0 < moments[2] < least:
+        return f"{principal}: the largest must be at least {least:.2g} kg m2, for its mass of {mass:g} kg"
     if (diagonal < -1e-12).any():
         return f"inertia {_listed(diagonal)} kg m2: must not be negative"
     if mass > 0 and (short > tolerated or below > tolerated):

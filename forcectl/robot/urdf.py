@@ -171,6 +171,10 @@ class _Rewriting:
                 ends[end] = named.get("link", "") if named is not None else ""
                 if ends[end] not in links:
                     self._problem(joint, f"joint {joint.get('name')!r}: {end} {ends[end]!r}: there is no such link")
+            if ends["parent"] == ends["child"]:
+                self._problem(
+                    joint, f"joint {joint.get('name')!r}: child {ends['child']!r}: must be another link than its parent"
+                )
             if ends["child"] in parents:
                 self._problem(joint, f"link {ends['child']!r} is the child of two joints: must be a tree")
             parents[ends["child"]] = ends["parent"]
@@ -281,6 +285,8 @@ class _Rewriting:
         for each in ("effort", "velocity"):
             if values.get(each, 0.0) < 0:
                 self._problem(joint, f"joint {name!r}: {each} = {values[each]:g}: must not be negative")
+            if limit is not None and limit.get(each) is not None and values[each] == 0:
+                self._found.notes.append(f"joint {name}: {each} = 0: counts as not known")
         counting = values if kind != "continuous" else {each: values[each] for each in ("effort", "velocity") if values}
         for text in wrong_limits(counting, turns=kind == "revolute"):
             self._problem(joint, f"joint {name!r}: {text}")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import sys
+from shutil import copytree
 
 import pytest
 
 from forcectl import cli
+from forcectl.models import robot_folder
 from tests.examples.robot_folders import write_planar_robot
 
 CASES = [
@@ -283,6 +285,17 @@ def test_files_of_a_robot(file, old, new, parts, monkeypatch, capfd, tmp_path):
     (tmp_path / "planar" / file).write_text(text.replace(old, new))
     output = complain(["run", "fig_2_8", "--set", "station.robot=planar"], monkeypatch, capfd)
     assert_one_line(*output, parts)
+
+
+def test_a_default_posture_that_is_singular_is_that_of_the_robots_file(monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    file = copytree(robot_folder("comau_smart_six"), tmp_path / "own") / "comau_smart_six.control.yaml"
+    file.write_text(file.read_text().replace("[0, 0, -90, 0, 90, 0]", "[0, 0, -90, 0, 0, 0]"))
+    output = complain(["check", "fig_2_8", "--set", "station.robot=own"], monkeypatch, capfd)
+    said = (
+        "comau_smart_six.control.yaml: default_posture_deg = [0.0, 0.0, -90.0, 0.0, 0.0, 0.0]: is singular for motion"
+    )
+    assert_one_line(*output, [said, "; or give station.posture_deg"])
 
 
 def test_files_that_are_no_text(monkeypatch, capfd, tmp_path):

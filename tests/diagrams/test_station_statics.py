@@ -147,7 +147,7 @@ def bending_robot(tmp_path: Path) -> Path:
         "flange": [1e-5, 2e-5, 1e-5, 3e-6, 5e-6, 1e-6],
     }
     data = yaml_load(filename=parameters)
-    parameters.write_text(yaml_dump(data | {"link_compliance": frames, "link_compliance_sets": []}))
+    parameters.write_text(yaml_dump(data | {"link_compliance": frames, "link_compliance_sets": None}))
     return folder
 
 

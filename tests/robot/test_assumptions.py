@@ -81,7 +81,7 @@ def test_what_cannot_be_assumed_is_asked_for_with_all_else_that_is_missing(tmp_p
         RobotModel.load(folder, None)
     for key in ("characteristic_length", "period", "velocity_limit", "torque_limit"):
         assert f"{key} is missing: must be" in str(caught.value)
-    assert "planar.urdf gives none of shoulder, elbow, wrist" in str(caught.value)
+    assert "planar.urdf gives none, or 0, of shoulder, elbow, wrist" in str(caught.value)
     assert f"`forcectl robot {folder}`" in str(caught.value)
 
 
@@ -89,7 +89,7 @@ def test_a_limit_that_is_missing_alone_is_told(tmp_path):
     folder = write_planar_robot(tmp_path, LITTLE)
     urdf = (folder / "planar.urdf").read_text()
     (folder / "planar.urdf").write_text(urdf.replace('effort="50"', 'effort="0"'))
-    with pytest.raises(BadInputError, match=r"torque_limit is missing: .* none of shoulder, elbow, wrist"):
+    with pytest.raises(BadInputError, match=r"torque_limit is missing: .* none, or 0, of shoulder, elbow, wrist"):
         RobotModel.load(folder, None)
 
 

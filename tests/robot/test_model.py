@@ -182,9 +182,17 @@ def test_user_robot_takes_a_shipped_tool(planar):
     ("old", "new", "message"),
     [
         ("model: planar.urdf", "model: planer.urdf", "planer.urdf"),
-        ("flange_frame: hand", "flange_frame: hnad", "unknown frame of planar 'hnad': did you mean 'hand'?"),
+        (
+            "flange_frame: hand",
+            "flange_frame: hnad",
+            "flange_frame: unknown flange_frame of planar 'hnad': did you mean 'hand'?",
+        ),
         ("[shoulder, elbow", "[shoulder, elbw", "unknown joint of planar 'elbw': did you mean 'elbow'?"),
-        ("[10, 60, -20]", "[10, 600, -20]", "default posture of elbow"),
+        (
+            "[10, 60, -20]",
+            "[10, 600, -20]",
+            "planar.control.yaml: default_posture_deg.1 = 600.0: must be from -171.887 to 171.887, the limits of elbow",
+        ),
         ("period: 0.004", "period: 0.004\nlink_compliance: {palm: [0, 0, 0, 0, 0, 0]}", "'palm'"),
     ],
 )

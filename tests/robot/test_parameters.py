@@ -81,6 +81,11 @@ MISTAKES = [
     ),
     (
         "period: 0.004",
+        "period: 0.004\nlink_compliance_sets: []",
+        "control.yaml:14: link_compliance_sets = []: must be at least one of the stiffness sets (soft, stiff), or left",
+    ),
+    (
+        "period: 0.004",
         "period: 0.004\nmotor_coupling: [{motor_of: thumb, driven_by: elbow, factor: 1}]",
         "motor_coupling.0.motor_of = 'thumb': must be one of the arm joints",
     ),

@@ -182,6 +182,16 @@ PROBLEMS = [
     ('effort="50"', 'effort="-50"', "effort = -50: must not be negative"),
     ('type="revolute"', 'type="banana"', "type = 'banana': must be one of revolute, continuous, prismatic, fixed"),
     ('<child link="forearm"/>', '<child link="fourarm"/>', "child 'fourarm': there is no such link"),
+    (
+        '<child link="forearm"/>',
+        '<child link="upper_arm"/>',
+        "'elbow': child 'upper_arm': must be another link than its",
+    ),
+    (
+        'ixx="0.001" iyy="0.03" izz="0.03"',
+        'ixx="1e-9" iyy="3e-8" izz="3e-8"',
+        "principal moments of inertia 1e-09, 3e-08, 3e-08 kg m2: the largest must be at least 6.1e-07 kg m2, for its",
+    ),
     ('<child link="forearm"/>', '<child link="hand"/>', "link 'hand' is the child of two joints: must be a tree"),
     ('<link name="forearm">', '<link name="hand">', "link 'hand': must have a name of its own"),
     ('<origin xyz="0.4 0 0"/>', '<origin xyz="400 0 0"/>', "origin xyz = '400 0 0': must be 3 numbers up to 10"),

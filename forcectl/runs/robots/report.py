@@ -18,7 +18,8 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.models import ROBOT_PARAMETERS, robot_folder
-from forcectl.robot.assumptions import ACCELERATION_TIME, check_drives
+from forcectl.robot.assumptions import ACCELERATION_TIME
+from forcectl.robot.checks import about_robot, check_drives, check_weight
 from forcectl.robot.model_file import ModelFile, add_models
 from forcectl.robot.parameters import ControlParameters, missing_limits
 from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
@@ -182,10 +183,12 @@ def _examine(report: RobotReport, model: Path, keys: Tagged) -> None:
     some = {"velocity_limit": [_SPEED] * n, "torque_limit": [_TORQUE] * n, "characteristic_length": _LENGTH}
     some["default_posture_deg"] = _within(plant, values["arm_joints"])
     parameters = Reader().dataclass(ControlParameters, Tagged(values | {name: some[name] for name in unknown}))
-    explorer = Explorer(report.folder, parameters)
-    if not {"velocity_limit", "torque_limit"} & unknown:
-        origin = next(report.folder.glob(ROBOT_PARAMETERS), model)
-        check_drives(explorer.parts.parameters, explorer.parts.actuators, origin.name)
+    with about_robot(next(report.folder.glob(ROBOT_PARAMETERS), model).name):
+        explorer = Explorer(report.folder, parameters)
+        parts = explorer.parts
+        if not set(some) & unknown - {"default_posture_deg"}:
+            check_drives(parts.parameters, parts.actuators)
+            check_weight(explorer.plant, parts.instance, parts.parameters, parts.actuators)
     parameters, found = explorer.parts.parameters, explorer.explore(parameters.characteristic_length)
     posture = found.posture if "default_posture_deg" in unknown else parameters.default_posture
     robot = report.robot = Understood(parameters, explorer, found, posture)

@@ -1,0 +1,142 @@
+"""Robots that are none, once they are in a plant: drives, weight and joints that do not go together."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex, RevoluteJoint
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.robot.parameters import ControlParameters
+
+_HEAVIEST_TOOL = 2000.0  # [kg]: the largest robots carry little more
+_SLOWED = 10.0  # times the largest torque, that friction at the largest speed may be: a slip, and no drive
+_LOOP_INERTIA = 0.01, 1e4  # of what a velocity loop is tuned for, to its rotor
+# [rad] that a joint gives way at its largest torque. Gears of robots: 1e-3 to 4e-2, springs on purpose: up to 0.5, a
+# shaft without a gear: 1e-4. Beyond are slips of a thousand: Nm/mrad or Nmm/rad, or Nm/arcmin, which is 1/3438.
+_TWIST = 1e-5, 1.0
+# Weight of all that moves, at the end of the reach, that a joint could hold. Arms of 0.5 kg and of 3 t hold 1 to 5, and
+# with masses of 1 kg and torques of 1000 Nm, which stand for unknown ones in public models, 30.
+_STRONGEST = 100.0
+_GRAVITY = 9.81  # [m/s2]
+
+
+@contextmanager
+def about_robot(file: str) -> Iterator[None]:
+    """Errors about control parameters that are raised within say that they are from this file."""
+    try:
+        yield
+    except BadInputError as error:
+        if error.field.partition(".")[0] in {each.name for each in dataclasses.fields(ControlParameters)}:
+            raise error.at(error.field, file) from error.__cause__
+        raise
+
+
+def check_way(plant: MultibodyPlant, joints: Sequence[Joint], flange: Frame) -> None:
+    """BadInputError unless every joint of an arm moves its flange."""
+    above = {joint.child_body().index(): joint for joint in map(plant.get_joint, plant.GetJointIndices())}
+    body, passed = flange.body().index(), set()
+    while body in above and body not in passed:
+        passed.add(body)
+        body = above[body].parent_body().index()
+    for joint in joints:
+        if joint.child_body().index() not in passed:
+            raise invalid("flange_frame", flange.name(), f"moved by every joint of the arm, also by {joint.name()}")
+
+
+def check_range(joint: Joint, position: float, file: str, key: str) -> None:
+    """BadInputError unless an arm joint can move, and its position in the default posture [rad, m] is within limits."""
+    low, high = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
+    if not low < high:
+        allowed = "a range that it moves in, or the joint one of held_joints"
+        raise BadInputError(f"{file}: joint {joint.name()!r}: limit from {low:g} to {high:g}: must be {allowed}")
+    if not low <= position <= high:
+        low, high, given = np.degrees([low, high, position])
+        raise invalid(key, float(f"{given:.9g}"), f"from {low:.6g} to {high:.6g}, the limits of {joint.name()}")
+
+
+def check_moved_mass(plant: MultibodyPlant, joint: Joint, file: str) -> None:
+    """BadInputError unless a joint moves a mass: that of its link, or of what is welded to it."""
+    moved = plant.GetBodiesWeldedTo(joint.child_body())
+    if not sum(body.default_mass() for body in moved) > 0:
+        name = joint.child_body().name()
+        raise BadInputError(f"{file}: link {name!r}: mass = 0 kg: must be above zero in a link that moves")
+
+
+def check_tool_mass(plant: MultibodyPlant, tool: ModelInstanceIndex) -> None:
+    """BadInputError for a tool that no robot carries."""
+    mass = sum(plant.get_body(i).default_mass() for i in plant.GetBodyIndices(tool))
+    if mass > _HEAVIEST_TOOL:
+        name = plant.GetModelInstanceName(tool)
+        raise BadInputError(f"tool {name!r}: mass = {mass:g} kg: must be at most {_HEAVIEST_TOOL:g} kg", key="tool")
+
+
+def check_weight(
+    plant: MultibodyPlant, robot: ModelInstanceIndex, parameters: ControlParameters, actuators: Sequence[JointActuator]
+) -> None:
+    """Refuse robots that weigh nothing beside what their joints can hold.
+
+    Args:
+        plant: with the robot.
+        robot: without its tools.
+        parameters: with everything that they leave out.
+        actuators: of the joints, with their limits.
+
+    Raises:
+        BadInputError: it is one.
+    """
+    rigid = {body.index() for body in plant.GetBodiesWeldedTo(plant.world_body())}
+    mass = sum(plant.get_body(i).default_mass() for i in plant.GetBodyIndices(robot) if i not in rigid)
+    limits = {each.joint().name(): each.effort_limit() for each in actuators if _turns(each)}
+    name, torque = max(limits.items(), key=lambda each: each[1], default=("", 0.0))
+    reach = 2 * parameters.characteristic_length
+    least = torque / (_STRONGEST * _GRAVITY * reach)
+    if np.isfinite(torque) and mass < least:
+        allowed = f"at least {least:.3g} kg, of which {name} with {torque:g} Nm could hold {_STRONGEST:g} times"
+        where = f"{reach:g} m away, twice characteristic_length"
+        raise BadInputError(f"{parameters.model}: links that move have {mass:.3g} kg in all: must be {allowed} {where}")
+
+
+def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuator]) -> None:
+    """Refuse drives that cannot overcome their own friction, loops tuned for something else, and joints of no gear's
+    stiffness.
+
+    Args:
+        parameters: with everything that they leave out.
+        actuators: of the joints, with their limits.
+
+    Raises:
+        BadInputError: there are such drives.
+    """
+    torque = np.array([actuator.effort_limit() for actuator in actuators])
+    speed = np.array([float(actuator.joint().velocity_upper_limits()[0]) for actuator in actuators])
+    slowest = np.where(np.isfinite(speed) & np.isfinite(torque), _SLOWED * torque / speed, np.inf)
+    tuned, rotors = parameters.velocity_loop_inertia, parameters.rotor_inertia * parameters.gear_ratio**2
+    least, most = _LOOP_INERTIA
+    if (parameters.coulomb_friction + np.abs(parameters.friction_offset) >= torque).any():
+        name, allowed = "coulomb_friction", f"with friction_offset below the torque limits {torque.tolist()}"
+    elif (parameters.viscous_friction > slowest).any():
+        name = "viscous_friction"
+        allowed = f"at most {_SLOWED:g} times torque limits over velocity limits, {slowest.round(1).tolist()}"
+    elif tuned.size and ((rotors > 0) & ((tuned < least * rotors) | (tuned > most * rotors))).any():
+        name, allowed = "velocity_loop_inertia", f"{least:g} to {most:g} times the rotors, joint side {rotors.tolist()}"
+    else:
+        return _check_stiffness(parameters, torque, np.array([_turns(each) for each in actuators]))
+    raise invalid(name, getattr(parameters, name).tolist(), allowed)
+
+
+def _check_stiffness(parameters: ControlParameters, torque: np.ndarray, turns: np.ndarray) -> None:
+    for name, stiffness in parameters.joint_stiffness.items():
+        twist = torque / stiffness
+        if (turns & np.isfinite(twist) & ((twist < _TWIST[0]) | (twist > _TWIST[1]))).any():
+            least, most = (np.round(torque / each, 1).tolist() for each in reversed(_TWIST))
+            allowed = f"from {least} to {most}: {_TWIST[0]:g} to {_TWIST[1]:g} rad of twist at the torque limits"
+            raise invalid(f"joint_stiffness.{name}", stiffness.tolist(), allowed)
+
+
+def _turns(actuator: JointActuator) -> bool:
+    return isinstance(actuator.joint(), RevoluteJoint)
