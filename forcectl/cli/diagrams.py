@@ -46,7 +46,10 @@ def graph(
     from forcectl.cli.target import named_code, named_diagram, named_machine
     from forcectl.graph import export
 
-    chosen = format_ or (export.format_of(out) if out is not None and out.suffix else "svg")
+    if out is not None and not out.name:
+        raise BadInputError(f"--out {str(out)!r} is a folder: must be a file")
+    chosen = export.format_of(out) if out is not None and out.suffix else "svg"
+    chosen = chosen if format_ is None else format_
     if chosen not in export.FORMATS:
         raise unknown("format", chosen, export.FORMATS)
     ending = out.suffix.lower()[1:] if out is not None else chosen

@@ -58,7 +58,15 @@ class StrictCommand(TyperCommand):
         """As usual, with the severity filled in."""
         following = [*args[1:], ""]
         alone = [word == "--strict" and after not in SEVERITIES for word, after in zip(args, following, strict=False)]
-        return super().parse_args(ctx, ["--strict=warning" if bare else w for w, bare in zip(args, alone, strict=True)])
+        filled = ["--strict=warning" if bare else w for w, bare in zip(args, alone, strict=True)]
+        try:
+            return super().parse_args(ctx, filled)
+        except Exception as error:
+            # What stands after it alone may be the scenario, but not beside another one.
+            after = following[alone.index(True)] if any(alone) else ""
+            if "unexpected extra argument" in str(getattr(error, "message", "")) and after.strip("-") == after != "":
+                parse_severity(after, "--strict")
+            raise
 
 
 All = Annotated[bool, typer.Option("--all", help="Every metric, not only those that are expected and a short list.")]

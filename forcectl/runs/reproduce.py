@@ -308,7 +308,7 @@ def _parts(
     first = resolve(file, names[0], with_shortcuts(overrides, seed, None))
     own = first.fidelities or [first.fidelity]
     # One that names a single fidelity can be realised in no other.
-    fidelities = [fidelity] if fidelity and len(first.fidelities) != 1 else own
+    fidelities = [fidelity] if fidelity is not None and len(first.fidelities) != 1 else own
     parts = []
     for one in fidelities:
         changes = with_shortcuts(overrides, seed, one)

@@ -68,7 +68,7 @@ class ScenarioReader(Reader):
             return self._imported(slot, tree, key)
         if tree.tag is None and start is not None:
             return self.part(type(start), tree, key, start)
-        tag = tree.tag or next(iter(SLOTS[slot]))
+        tag = next(iter(SLOTS[slot])) if tree.tag is None else tree.tag
         table = SLOTS[slot] if tag in SLOTS[slot] else tags_of(slot)
         if tag not in table:
             raise unknown("tag", f"!{tag}", [f"!{name}" for name in (*table, IMPORT)]).at(key)

@@ -82,6 +82,23 @@ CASES = [
         ["station.fidelity: unknown tag '!Multybody'", "did you mean '!Multibody'"],
     ),
     (["run", "fig_2_7", "--set", "controller=!Integrall"], ["unknown tag '!Integrall'", "did you mean '!Integral'"]),
+    (["run", "fig_2_7", "--fidelity", ""], ["station.fidelity: unknown tag '!'", "known: !Multibody, !Kinematic, "]),
+    (["reproduce", "fig_2_8", "--fidelity", ""], ["station.fidelity: unknown tag '!'", "known: !Multibody, !Kinemat"]),
+    (["run", "fig_2_7", "--variant", ""], ["unknown variant of fig_2_7.yaml ''", "known: K_I = 1.5 1/s, "]),
+    *(
+        (arguments, ["unknown --strict 'fatal'", "known: info, warning, error"])
+        for arguments in (
+            ["run", "fig_2_7", "--strict", "fatal"],
+            ["run", "fig_2_7", "--strict=fatal"],
+            ["run", "--strict", "fatal", "fig_2_7"],
+        )
+    ),
+    (["run", "fig_2_7", "a", "--strict"], ["Got unexpected extra argument(s) (a)"]),
+    (["run", "fig_2_7", "--seed", "-1"], ["seed = -1", "must be a whole number from 0"]),
+    (["run", "fig_2_7", "--set", ""], ["--set ''", "must be key=value"]),
+    (["run", "fig_2_7", "--set", "duration="], ["duration = None", "must be a number"]),
+    (["graph", "fig_2_7", "--out", ""], ["--out '.' is a folder", "must be a file"]),
+    (["graph", "fig_2_7", "--format", ""], ["unknown format ''", "svg"]),
     (["run", "fig_2_7", "--set", "duration"], ["--set 'duration'", "must be key=value"]),
     (["run", "fig_2_7", "--set", "duration=[1"], ["--set duration", "not valid YAML"]),
     (
