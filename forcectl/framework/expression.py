@@ -103,6 +103,23 @@ class Expression:
         for side, (low, high) in self.limits().items():
             if low > high:
                 raise BadInputError(f" = {self.text!r}: no {side} is so: must be able to hold", key=self._key)
+        self.check_open({}, {})
+
+    def check_open(
+        self, true_within: Mapping[str, tuple[float, float]], false_within: Mapping[str, tuple[float, float]]
+    ) -> None:
+        """Raise BadInputError for a comparison that comes out the same whatever the values are.
+
+        Args:
+            true_within: lowest and highest value by name, for comparisons that must not always be true.
+            false_within: the same for those that must not always be false.
+        """
+        for ranges, refused in ((true_within, True), (false_within, False)):
+            for part, holds in self.settled(ranges):
+                if holds == refused:
+                    shown = "" if part == self.text.strip() else f": {part!r}"
+                    text = f" = {self.text!r}{shown} is always {str(holds).lower()}: must depend on the values"
+                    raise BadInputError(text, key=self._key)
 
     def limits(self) -> dict[str, tuple[float, float]]:
         """Lowest and highest value of what is compared with numbers at which the condition can hold.
@@ -288,9 +305,14 @@ def _outcomes(node: ast.expr, ranges: Mapping[str, tuple[float, float]]) -> set[
         return _all_or_any([_outcomes(part, ranges) for part in node.values], isinstance(node.op, ast.And))
     if not isinstance(node, ast.Compare):
         return {True, False}
-    terms = [_range(term, ranges) for term in (node.left, *node.comparators)]
-    pairs = zip(node.ops, pairwise(terms), strict=True)
-    return _all_or_any([_compared(type(op), *pair) for op, pair in pairs], True)
+    pairs = zip(node.ops, pairwise([node.left, *node.comparators]), strict=True)
+    return _all_or_any([_pair_outcomes(type(op), *pair, ranges) for op, pair in pairs], True)
+
+
+def _pair_outcomes(op: type, left: ast.expr, right: ast.expr, ranges: Mapping[str, tuple[float, float]]) -> set[bool]:
+    if ast.dump(left) == ast.dump(right):
+        return {op in (ast.Eq, ast.LtE, ast.GtE)}
+    return _compared(op, _range(left, ranges), _range(right, ranges))
 
 
 def _all_or_any(outcomes: Sequence[set[bool]], by_and: bool) -> set[bool]:

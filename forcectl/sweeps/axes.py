@@ -97,9 +97,10 @@ def _listed(key: str, values: list[Any], where: str) -> Axis:
     labels = [label_of(value) for value in values]
     seen = set()
     for label in labels:
-        if (type(label), label) in seen:
+        kind = type(label) if isinstance(label, bool | str) else float  # 1 and 1.0 are one value, 1 and true are two
+        if (kind, label) in seen:
             raise BadInputError(f" holds {label!r} twice: values of a list must differ", key=where)
-        seen.add((type(label), label))
+        seen.add((kind, label))
     return Axis(key, list(values), labels=labels)
 
 
@@ -136,8 +137,8 @@ def _distribution(key: str, tree: Tagged, where: str) -> Axis:
             raise invalid(f"{where}.values", tree["values"], "a list of values")
         return _listed(key, tree["values"], f"{where}.values")
     numbers = {name: _number(f"{where}.{name}", tree[name]) for name in names}
-    if numbers.get("stddev", 0.0) < 0:
-        raise invalid(f"{where}.stddev", numbers["stddev"], "not negative")
+    if numbers.get("stddev", 1.0) <= 0:
+        raise invalid(f"{where}.stddev", numbers["stddev"], "positive")
     if "min" in numbers and not numbers["min"] < numbers["max"]:
         raise invalid(f"{where}.max", numbers["max"], f"above min = {numbers['min']:g}")
     if tag == "LogUniform" and numbers["min"] <= 0:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 import forcectl
-from forcectl.analysis.tables.metric_tables import METRICS, is_metric
+from forcectl.analysis.tables.metric_tables import METRICS, is_metric, metric_range
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import dump
@@ -175,7 +175,10 @@ def _study_of(sweep: SweepFile, allow_imports: Sequence[str]) -> Study:
     # Modules beside the sweep, not those that lie beside whatever scenario it names.
     modules = sweep.modules if isinstance(config.scenario, str | Path) else None
     file = as_file(config.scenario, allow_imports, modules)
-    names = select_variants(file, config.variant)
+    try:
+        names = select_variants(file, config.variant)
+    except BadInputError as error:
+        raise error.at("variant") from error.__cause__
     if len(names) > 1:
         raise BadInputError(f" is missing: must be one of {', '.join(names)}", key="variant")
     axes = [Axis(CASE, list(config.cases.values()), labels=list(config.cases))] if config.cases else []
@@ -296,14 +299,23 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
                         raise unknown("signal", name, loop.signals).at("envelope")
         except BadInputError as error:
             raise _placed(error, study, trial, sweep) from error.__cause__
-    if not own_metrics:
-        _check_metrics(study.config)
+    _check_metrics(study.config, own_metrics)
 
 
-def _check_metrics(config: SweepConfig) -> None:
-    """BadInputError for the name of a metric that no run has."""
+def _check_metrics(config: SweepConfig, own: bool) -> None:
+    """BadInputError for conditions that are settled, and for the name of a metric that no run has.
+
+    That a metric is not negative may be asked for: it is so where there is one.
+    """
     asked = {"success": config.success} | {f"findings.{name}": text for name, text in config.findings.items()}
-    names = [(key, name) for key, text in asked.items() if text for name in Expression(text, key).names]
+    asked |= {"share_over.condition": config.share_over.condition} if config.share_over is not None else {}
+    conditions = [(key, Expression(text, key)) for key, text in asked.items() if text]
+    for _, condition in conditions:
+        ranges = {name: metric_range(name) for name in condition.names}
+        condition.check_open({name: each for name, each in ranges.items() if each[1] < math.inf}, ranges)
+    if own:
+        return
+    names = [(key, name) for key, condition in conditions for name in condition.names]
     if config.worst is not None:
         names.append(("worst.metric", config.worst.metric))
     if config.share_over is not None:

@@ -96,9 +96,9 @@ class SweepConfig(Config):
             raise invalid("trials", self.trials, "left out: a grid has as many points as its lists give")
         if not (self.keys or self.cases) and self.design != "grid":
             raise invalid("keys", {}, f"at least one key for the design {self.design}")
-        for name in _INSTEAD:
-            if name in self.keys:
-                raise BadInputError(f" cannot be varied: {_INSTEAD[name]}", key=f"keys.{name}")
+        for name in self.keys:
+            if (first := name.partition(".")[0]) in _INSTEAD:
+                raise BadInputError(f" cannot be varied: {_INSTEAD[first]}", key=f"keys.{name}")
         if self.repeat is not None and not self.success:
             raise BadInputError(" is missing: `repeat` needs a condition to count", key="success")
         if self.repeat is not None and self.seeds is not None:
@@ -132,6 +132,8 @@ class SweepConfig(Config):
         places |= {f"arms.{name}": list(arm) for name, arm in self.arms.items()}
         for name, own in places.items():
             for one in own:
+                if not all(one.split(".")):
+                    raise invalid(name, one, "a scenario key, such as station.environment.stiffness")
                 for other in self.keys:
                     if overlap(one, other) and (name, one) != ("keys", other):
                         raise BadInputError(f" is also set by keys.{other}: must be set once", key=f"{name}.{one}")
@@ -154,8 +156,8 @@ class SweepConfig(Config):
         return found
 
 
-_INSTEAD = {"seed": "use `seeds`", "variants": "use `arms`"} | dict.fromkeys(
-    ("title", "source", "description"), "it says nothing of what is simulated"
+_INSTEAD = {"seed": "use `seeds`", "variants": "use `arms`", "case": "use `cases`"} | dict.fromkeys(
+    ("title", "source", "description", "fidelities", "expect"), "it says nothing of what is simulated"
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from forcectl.analysis.tables import motion_tables as of_motion_loops
@@ -158,6 +159,13 @@ def is_never_negative(name: str) -> bool:
     """Whether a metric is known to be zero or above; of one of the user's nothing is known."""
     metric = _known(name)
     return metric is not None and metric.sign == NEVER_NEGATIVE
+
+
+def metric_range(name: str) -> tuple[float, float]:
+    """Lowest and highest value that a metric can have, as far as that is known."""
+    known = _known(name)
+    highest = 1.0 if known is not None and known.formula == "1 or 0" else math.inf
+    return (0.0 if is_never_negative(name) else -math.inf), highest
 
 
 def _known(name: str) -> Metric | None:
