@@ -7,8 +7,12 @@ import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from pydrake.systems.primitives import Demultiplexer
+
 from forcectl.inspect.events import PeriodicEvent
 from forcectl.inspect.wiring import PortAddress, Wiring
+
+Elements = range | None  # of a vector; None: all
 
 
 @dataclass(frozen=True)
@@ -70,29 +74,50 @@ class Hops:
     def shortest(self, starts: Iterable[PortAddress], target: PortAddress, inside: str = "") -> list[Hop] | None:
         """The way with the least delay from any of the inputs `starts` to the leaf output `target`, or None.
 
-        With `inside`, only blocks within that nested diagram are passed.
+        A way that no block's `passed_elements` exclude is taken before a shorter one that they do. With `inside`, only
+        blocks within that nested diagram are passed.
         """
-        heap: list[tuple[float, int, int, list[Hop]]] = []
+        heap: list[tuple[int, float, int, int, Elements, list[Hop]]] = []
         order = itertools.count()  # entries of equal cost are never compared further
-        done: set[PortAddress] = set()
+        done: set[tuple[PortAddress, Elements]] = set()
 
-        def push(readers: Iterable[PortAddress], delay: float, trail: list[Hop]) -> None:
+        def push(
+            readers: Iterable[PortAddress], excluded: int, delay: float, elements: Elements, trail: list[Hop]
+        ) -> None:
             for reader in readers:
                 if inside and inside not in self.wiring.parents(reader.system):
                     continue
                 for hop in self.through(reader, target):
-                    heapq.heappush(heap, (delay + self._cost(hop), len(trail) + 1, next(order), [*trail, hop]))
+                    beyond = self._elements(hop, elements)
+                    cost = (excluded + (beyond == range(0)), delay + self._cost(hop), len(trail) + 1, next(order))
+                    heapq.heappush(heap, (*cost, beyond or None, [*trail, hop]))
 
-        push(starts, 0.0, [])
+        push(starts, 0, 0.0, None, [])
         while heap:
-            delay, _, _, trail = heapq.heappop(heap)
+            excluded, delay, _, _, elements, trail = heapq.heappop(heap)
             output = trail[-1].output
             if output == target:
                 return trail
-            if output not in done:
-                done.add(output)
-                push(self.readers.get(output, ()), delay, trail)
+            if (output, elements) not in done:
+                done.add((output, elements))
+                push(self.readers.get(output, ()), excluded, delay, elements, trail)
         return None
+
+    def _elements(self, hop: Hop, elements: Elements) -> Elements:
+        """The elements of the hop's output that the signal is in, an empty range for none.
+
+        Args:
+            hop: through a block.
+            elements: of the hop's input, that the signal is in.
+        """
+        system = self.wiring.systems[hop.block]
+        if isinstance(system, Demultiplexer) and elements is not None:
+            sizes = system.get_output_ports_sizes()
+            first, size = sum(sizes[: hop.output.index]), sizes[hop.output.index]
+            return range(max(elements.start - first, 0), min(elements.stop - first, size))
+        names = tuple(self.wiring.port(port).get_name() for port in (hop.input, hop.output))
+        passed: dict[tuple[str, ...], range] = getattr(system, "passed_elements", {})
+        return passed.get(names)
 
     def _cost(self, hop: Hop) -> float:
         declared = self.declared(hop.input, hop.output)

@@ -6,14 +6,17 @@ import math
 
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import EventStatus
+from pydrake.systems.framework import DiagramBuilder, EventStatus
+from pydrake.systems.primitives import DiscreteTimeDelay
 
 from forcectl.doctor import examine, measure_delay
+from forcectl.force.guard.config import GuardConfig
+from forcectl.force.integral import IntegralConfig
 from forcectl.inspect.ports import find_outputs
 from forcectl.inspect.wiring import Wiring
 from forcectl.scenario.catalog import find_scenario, list_experiments
 from forcectl.scenario.layers import select_variants
-from forcectl.scenario.scenario import as_file, build, resolve
+from forcectl.scenario.scenario import Scenario, as_file, build, resolve
 from tests.examples.experiment_runs import fidelities_of
 
 TICK = 0.0005  # [s] between two reads, divides the steps of all plants
@@ -140,3 +143,30 @@ def test_the_tables_of_a_users_diagram_lead_from_port_to_port_and_back():
     ]
     # The sensor filter reads the plant at its own ticks.
     assert report.dead_time == pytest.approx(examine(loop.diagram).dead_time, abs=loop.period)
+
+
+class LateIntegral:
+    """A user's law: integral, its command `samples` + 1 ticks late."""
+
+    def __init__(self, samples):
+        self.samples = samples
+
+    def add_to(self, builder, model):
+        inner = DiagramBuilder()
+        law = IntegralConfig().add_to(inner, model)
+        late = inner.AddNamedSystem("late", DiscreteTimeDelay(model.period, self.samples, model.size))
+        inner.Connect(law.GetOutputPort("displacement_command"), late.get_input_port())
+        for name in ("desired_force", "measured_force"):
+            inner.ExportInput(law.GetInputPort(name), name)
+        inner.ExportOutput(late.get_output_port(), "displacement_command")
+        return builder.AddNamedSystem("late_integral", inner.Build())
+
+
+@pytest.mark.parametrize("samples", [0, 10])
+@pytest.mark.parametrize("guard", [None, GuardConfig(), GuardConfig(maximum_force=60.0)])
+def test_the_guard_does_not_hide_the_delay_of_a_law(samples, guard):
+    loop = Scenario(controller=LateIntegral(samples), guard=guard).build()
+    around = examine(loop.diagram).delays[-1]
+    assert around.total == pytest.approx((samples + 1) * loop.period)
+    assert measure_delay(loop.diagram, around.source, around.target, tick=loop.period) == pytest.approx(around.total)
+    assert [row.block for row in around.rows if row.delay] == ["controller/late_integral/late"]

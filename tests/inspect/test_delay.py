@@ -4,6 +4,7 @@ import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder, DiscreteStateIndex, LeafSystem
 from pydrake.systems.primitives import (
     Adder,
+    Demultiplexer,
     DiscreteTimeDelay,
     FirstOrderLowPassFilter,
     Gain,
@@ -321,3 +322,61 @@ def test_no_way_between_two_ports_is_an_error():
         builder.ExportOutput(gain.get_output_port(), f"{name}_out")
     report = examine(builder.Build(), sensor="a_in", command="b_out")
     assert [f.code for f in report.errors] == ["no-way"]
+
+
+class Watch(LeafSystem):
+    """Passes on a reading and a command, and reads both to act on what it does not believe."""
+
+    def __init__(self):
+        super().__init__()
+        reading, command = (self.DeclareVectorInputPort(name, 1) for name in ("reading", "command"))
+        needs = {reading.ticket()}
+        self.DeclareVectorOutputPort("readings", 2, self._readings, prerequisites_of_calc=needs)
+        self.DeclareVectorOutputPort("watched", 1, self._watched, prerequisites_of_calc=needs | {command.ticket()})
+
+    def _readings(self, context, output):
+        value = self.GetInputPort("reading").Eval(context)[0]
+        output.SetFromVector([5.0 if value < 1e3 else 0.0, value])
+
+    def _watched(self, context, output):
+        reading, command = (self.GetInputPort(name).Eval(context)[0] for name in ("reading", "command"))
+        output.SetFromVector([command if reading < 1e3 else 0.0])
+
+
+class Watching(Watch):
+    passed_elements = {
+        ("reading", "readings"): range(1, 2),
+        ("reading", "watched"): range(0),
+        ("command", "watched"): range(1),
+    }
+
+
+def watched(watch, law=None):
+    """A law behind a hold that follows the second of two signals, and the first one at once."""
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("watch", watch)
+    builder.ExportInput(watch.GetInputPort("reading"), "measured_force")
+    parts = builder.AddNamedSystem("parts", Demultiplexer(2))
+    hold = builder.AddNamedSystem("hold", DiscreteTimeDelay(2 * MS, 3, 1))
+    law = builder.AddNamedSystem("law", Adder(2, 1) if law is None else law)
+    builder.Connect(watch.GetOutputPort("readings"), parts.get_input_port())
+    builder.Connect(parts.get_output_port(1), hold.get_input_port())
+    builder.Connect(parts.get_output_port(0), law.get_input_port(0))
+    if law.num_input_ports() > 1:
+        builder.Connect(hold.get_output_port(), law.get_input_port(1))
+    builder.Connect(law.get_output_port(), watch.GetInputPort("command"))
+    builder.ExportOutput(watch.GetOutputPort("watched"), "displacement_command")
+    return builder.Build()
+
+
+def test_what_only_watches_a_law_does_not_hide_its_delay():
+    diagram = watched(Watching())
+    found = delay_of(diagram)
+    assert [row.block for row in found.rows] == ["watch", "parts", "hold", "law", "watch"]
+    assert found.total == pytest.approx(8 * MS) == measured(diagram, 2 * MS)
+    # A block that does not say so counts with all its ways.
+    assert delay_of(watched(Watch())).total == 0.0
+
+
+def test_where_no_other_way_leads_there_what_watches_counts():
+    assert [row.block for row in delay_of(watched(Watching(), Gain(1.0, 1))).rows] == ["watch"]

@@ -42,6 +42,9 @@ class ControllerGuard(PythonBlock):
     guarded: shape (2m + 9,), guarded command (m,), status, what the block remembers of the tick [m or rad]; with a
     command_rate the guarded one (m,) is behind it. Feedthrough of all inputs.
 
+    Where it acts, all of `forces` and `guarded` answer to every input at once; `passed_elements` is what they follow
+    while it passes on.
+
     The status is 0 while the command is passed on, bit for bit, else 100 times the `Reaction` and 10 times the `Cause`.
 
     Sampling: every `period` [s]; no delay. Between ticks outputs are held, but for a command that is passed on.
@@ -97,6 +100,14 @@ class ControllerGuard(PythonBlock):
         self._wrench = self.DeclareVectorInputPort("estimated_wrench", 6 * arms) if arms else None
         if self._wrench:
             reads.add(self._wrench.ticket())
+        names = [port.get_name() for port in (self.get_input_port(i) for i in range(self.num_input_ports()))]
+        self.passed_elements = {
+            ("desired_force", "forces"): range(loops),
+            ("measured_force", "forces"): range(loops, 2 * loops),
+            **{(name, "guarded"): range(0) for name in names},
+            ("command", "guarded"): range(self._m),
+            ("command_rate", "guarded"): range(len(first), len(first) + self._m),
+        }
         self._size = len(first)
         self._guarded = self.DeclareVectorOutputPort(
             "guarded",
