@@ -181,7 +181,8 @@ def build_loop(parts: LoopParts) -> Loop:
     _command(builder, controller, station)
     ports = _logged(parts, sources, station, controller, estimators) | signals.chosen
     sink, logged = add_log(builder, ports, workcell.period, _labels(ports, workcell))
-    diagram = builder.Build()
+    with about(builder):
+        diagram = builder.Build()
     diagram.set_name("loop")
     missing = [name for name in SOURCES if workcell.has_dynamics and name not in logged and station.HasOutputPort(name)]
     probes = tuple(Probe(name, station.GetOutputPort(name), unit_of(name)) for name in missing)

@@ -7,7 +7,7 @@ from pydrake.systems.primitives import Selector, SelectorParams
 
 from forcectl.conventions import TRUTH, unit_of
 from forcectl.diagrams.mechanics.site import STATION_SIGNALS
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, about
 from forcectl.framework.wiring import input_names, output_names
 
 # What comes from outside of a station.
@@ -132,5 +132,6 @@ class Assembly:
         for name, port in self.signals.items():
             if name not in _INTERNAL and port.get_data_type() == PortDataType.kVectorValued:
                 self.builder.ExportOutput(port, name)
-        self.builder.BuildInto(station)
+        with about(self.builder):
+            self.builder.BuildInto(station)
         station.port_units = self._units

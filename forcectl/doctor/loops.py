@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -64,7 +64,21 @@ def build(builder: DiagramBuilder) -> Diagram:
     try:
         return builder.Build()
     except RuntimeError as error:
-        loop = next(algebraic_loops(Wiring(builder)), None) if "algebraic loop" in str(error) else None
-        if loop is None:
+        if (loop := loop_behind(error, [builder])) is None:
             raise
-        raise BadInputError(f"algebraic loop: {loop.path}; {_ADVICE}") from error
+        raise loop from error
+
+
+def loop_behind(error: BaseException, parts: Iterable[object]) -> BadInputError | None:
+    """The algebraic loop, as a path, for which Drake refused a diagram; None where it refused it for another reason.
+
+    Args:
+        error: of Drake.
+        parts: what was at work, among it the builder.
+    """
+    if "algebraic loop" not in str(error):
+        return None
+    builders = [part for part in parts if isinstance(part, DiagramBuilder)]
+    loops = (loop for builder in builders for loop in algebraic_loops(Wiring(builder)))
+    loop = next(loops, None)
+    return None if loop is None else BadInputError(f"algebraic loop: {loop.path}; {_ADVICE}")

@@ -22,7 +22,8 @@ from forcectl.analysis.slot import run_figures, run_metrics
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.model import ModelConfig, Setting
 from forcectl.diagrams.station import StationConfig
-from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, show, unknown
+from forcectl.doctor.loops import loop_behind
+from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, parts_of, show, unknown
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, slot
@@ -353,7 +354,8 @@ def build(
         kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
         reason = " ".join(str(error).split())[:300]
         origin = where(key) or f"scenario {scenario.title!r}"
-        raise BadInputError(f"cannot be built: {kind}{reason}").at(key, origin) from error
+        fault = loop_behind(error, parts_of(error)) or BadInputError(f"cannot be built: {kind}{reason}")
+        raise fault.at(key, origin) from error
 
 
 def origins(

@@ -23,6 +23,33 @@ def loop():
     return builder.Build()
 """
 
+DRIVE = """
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+
+class Ideal(LeafSystem):
+    def __init__(self, size, inputs):
+        super().__init__()
+        command, *_ = [self.DeclareVectorInputPort(name, n) for name, n in inputs.items()]
+        self.DeclareVectorOutputPort("motor_position", size, lambda c, out: out.SetFromVector(command.Eval(c)))
+        self.DeclareVectorOutputPort("motor_velocity", size, lambda c, out: out.SetFromVector(np.zeros(size)))
+
+
+class Drive:
+    def __init__(self, further=()):
+        self.further = further
+
+    def add_to(self, builder, site):
+        size = site.workcell.num_joints
+        inputs = {"joint_position_command": size} | dict.fromkeys(self.further, 1)
+        return builder.AddNamedSystem("ideal", Ideal(size, inputs))
+"""
+LOOPS = {  # inputs of the drive that need what it puts out, and what the path shows of it
+    "": "station/ideal.joint_position_command -> station/ideal.motor_position -> station/contact.motor_position",
+    "contact_force": "ideal.contact_force -> ideal.motor_position -> contact.motor_position -> contact.contact_force",
+}
+
 
 @pytest.fixture
 def module(tmp_path, monkeypatch):
@@ -100,3 +127,19 @@ def test_variants_that_are_not_examined_must_be_such_that_they_can_be_built(tmp_
     with pytest.raises(fc.BadInputError, match=f"^{re.escape(said)}"):
         fc.check("own.yaml")
     assert fc.check("own.yaml", variant="a").ok
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+@pytest.mark.parametrize("further", LOOPS)
+def test_a_loop_without_a_hold_is_one_line_with_every_block_on_it(forcectl, tmp_path, monkeypatch, command, further):
+    (tmp_path / "ideal_drive.py").write_text(DRIVE)
+    file = tmp_path / "loop.yaml"
+    drive = f"!Import {{path: 'ideal_drive:Drive', parameters: {{further: [{further}]}}}}"
+    file.write_text(f"station: {{fidelity: Kinematic, drive: {drive}}}\nduration: 0.1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    code, _, err = forcectl(command, str(file), "--allow-imports", "ideal_drive")
+    line = err.strip()
+    assert (code, line.count("\n")) == (2, 0)
+    path = line.partition("algebraic loop: ")[2].partition("; break it with a block that holds its output")[0]
+    assert LOOPS[further] in path
+    assert path.split(" -> ")[0] == path.split(" -> ")[-1]
