@@ -15,6 +15,8 @@ from forcectl.inspect.start import StartValues, fix_open_inputs
 from forcectl.inspect.ways import Hops
 from forcectl.inspect.wiring import Wiring, is_vector
 
+_ROUNDING = 1e-12  # of the size of a signal
+
 
 def measure_delay(
     system: System,
@@ -25,7 +27,7 @@ def measure_delay(
     amplitude: float = 1.0,
     start: float = 0.0,
     longest: float = 1.0,
-    threshold: float = 0.0,
+    threshold: float | None = None,
     context: Context | None = None,
 ) -> float | None:
     """Time from a step at one port until another port differs from a run without the step.
@@ -46,7 +48,8 @@ def measure_delay(
         start: when the step comes, after the time of the context [s], a multiple of `tick`; matters where periods
             differ.
         longest: when to give up, after `start` [s].
-        threshold: largest difference that still counts as no answer, unit of the target.
+        threshold: largest difference that still counts as no answer, unit of the target; default 1e-12 of the largest
+            value that any of its elements has had since the step, which is no more than rounding.
         context: where both runs start; default the default context. Open vector inputs are held at zero.
 
     Returns:
@@ -84,10 +87,13 @@ def measure_delay(
             value = port.Eval(here) if port.HasValue(here) else np.zeros(port.size())
             port.FixValue(here, value + step)
     contexts = [wiring.systems[end.system].GetMyContextFromRoot(run.get_context()) for run in runs]
+    largest = 0.0
     for k in range(round(longest / tick) + 1):
         if k > 0:  # at k = 0 AdvanceTo would already carry out the updates of this instant
             for run in runs:
                 run.AdvanceTo(begin + k * tick)
-        if np.any(np.abs(watched.Eval(contexts[1]) - watched.Eval(contexts[0])) > threshold):
+        values = np.array([watched.Eval(each) for each in contexts])
+        largest = max(largest, np.abs(values[np.isfinite(values)]).max(initial=0.0))
+        if np.any(np.abs(np.diff(values, axis=0)) > (_ROUNDING * largest if threshold is None else threshold)):
             return clean(k * tick)
     return None

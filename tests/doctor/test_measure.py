@@ -1,9 +1,13 @@
+import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
     DiscreteTimeDelay,
     FirstOrderLowPassFilter,
     Gain,
+    MatrixGain,
     PassThrough,
     Saturation,
     ZeroOrderHold,
@@ -71,3 +75,24 @@ def test_a_whole_diagram():
     builder.ExportInput(first.get_input_port(), "in")
     builder.ExportOutput(second.get_output_port(), "out")
     assert measure_delay(builder.Build(), "in", "out", tick=0.01) == 0.02
+
+
+def test_rounding_of_a_signal_is_no_answer():
+    block = MatrixGain(np.array([[1 / 3, 1 / 3, -2 / 3]]))  # a step of all inputs changes nothing but the last digit
+    context = block.CreateDefaultContext()
+    block.get_input_port().FixValue(context, [10.0, 20.0, 7.0])
+    options = {"tick": 0.01, "amplitude": 0.7, "longest": 0.0, "context": context}
+    assert measure_delay(block, "u0", "y0", **options) is None
+    assert measure_delay(block, "u0", "y0", **options, threshold=0.0) == 0.0
+
+
+def test_a_small_answer_to_a_large_signal_is_one():
+    builder = DiagramBuilder()
+    gain = builder.AddNamedSystem("gain", Gain(1e-9, 1))
+    large = builder.AddNamedSystem("large", Adder(2, 1))
+    bias = builder.AddNamedSystem("bias", ConstantVectorSource([10.0]))
+    builder.Connect(gain.get_output_port(), large.get_input_port(0))
+    builder.Connect(bias.get_output_port(), large.get_input_port(1))
+    builder.ExportInput(gain.get_input_port(), "in")
+    builder.ExportOutput(large.get_output_port(), "out")
+    assert measure_delay(builder.Build(), "in", "out", tick=0.01) == 0.0
