@@ -15,7 +15,7 @@ from pydrake.systems.primitives import AffineSystem, Gain, Multiplexer, Saturati
 
 from forcectl.graph.model import Block, Category, Edge, Endpoint, Parameter, Port
 from forcectl.inspect.events import PeriodicEvent, read_timing
-from forcectl.inspect.names import is_automatic, type_name
+from forcectl.inspect.names import type_name
 from forcectl.inspect.ports import unit, value_type
 from forcectl.inspect.start import StartValues, is_library_plant
 from forcectl.inspect.wiring import DiagramLevel, PortAddress, Wiring, is_python_block
@@ -67,7 +67,6 @@ class _Reader:
             category=_category(system, bool(samples)),
             inputs=tuple(self._port(port, used) for port in inputs),
             outputs=tuple(replace(self._port(port, used), logged=port in self._logged) for port in outputs),
-            automatic_name=is_automatic(system.get_name()),
             samples=samples,
             every_step=path in self._every_step,
             states=_states(system),

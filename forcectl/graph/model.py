@@ -104,7 +104,6 @@ class Block:
 
     Attributes:
         path: as `forcectl.inspect` calls it, `station/plant`; unique in the graph. "" is the whole diagram.
-        automatic_name: True when nobody named the system.
         samples: periodic events, fastest first.
         every_step: True when it acts at every simulator step.
         states: numbers of continuous, discrete and abstract states.
@@ -121,7 +120,6 @@ class Block:
     category: Category
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
-    automatic_name: bool = False
     samples: tuple[PeriodicEvent, ...] = ()
     every_step: bool = False
     states: tuple[int, int, int] = (0, 0, 0)

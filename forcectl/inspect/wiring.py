@@ -171,8 +171,10 @@ class Wiring:
         return f"{port.system}.{name}" if port.system else name
 
     def shown_name(self, output: PortAddress) -> str:
-        """The name under which a leaf output leaves the outermost nested diagram: `station.measured_force`."""
-        while exported := [port for port in self._fed.get(output, ()) if port.side == "output" and port.system]:
+        """The name under which a leaf output leaves the whole diagram, or else the outermost one nested in it that it
+        leaves: `station.measured_force`.
+        """
+        while exported := [port for port in self._fed.get(output, ()) if port.side == "output"]:
             output = exported[0]
         return self.name(output)
 

@@ -142,4 +142,4 @@ def _parts(tree: Tree) -> Iterable[tuple[Any, Tree]]:
 
 def said(code: dict[str, str]) -> list[str]:
     """Lines that say which code is run; none where there is none."""
-    return [f"runs code that is not forcectl's own: {path} ({key})" for key, path in code.items()]
+    return [f"runs code that is not forcectl's own: {path}{f' ({key})' if key else ''}" for key, path in code.items()]

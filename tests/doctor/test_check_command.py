@@ -75,6 +75,7 @@ def test_ports_are_given_by_name(forcectl, module):
     assert code == 0
     assert "Delay Gain 1.y0 -> Gain 2.y0" in out
     assert "Dead time once around the loop: 0 + 0.01 = 0.01 s" in out
+    assert out.endswith(f"runs code that is not forcectl's own: {module}:loop\n")
 
 
 @pytest.mark.parametrize("option", ["--from", "--to"])

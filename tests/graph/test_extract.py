@@ -168,7 +168,6 @@ def test_unnamed_systems_are_numbered_by_type_and_abstract_ports_tell_their_type
     model = graph(odd_names())
     assert [block.name for block in model.nodes[1:]] == ['block "A" <1> & </script>', "Odd 1", "Odd 2"]
     assert model.root.name == "Diagram"
-    assert model.nodes[2].automatic_name
     assert {edge.signal for edge in model.edges} == {"object", "3"}
     query = [edge for edge in graph(arm_with_controller()).edges if edge.source.port == "query"]
     assert [edge.signal for edge in query] == ["QueryObject"]

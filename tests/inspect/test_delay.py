@@ -262,11 +262,11 @@ def test_the_sensors_own_delay_is_a_table_of_its_own():
     builder.ExportOutput(controller.get_output_port(), "displacement_command")
     report = examine(builder.Build())
     back, inside, outside = report.delays
-    assert (back.source, back.target, back.total) == ("controller.y", "plant.y", pytest.approx(2 * MS))
+    assert (back.source, back.target, back.total) == ("displacement_command", "contact_force", pytest.approx(2 * MS))
     assert report.dead_time == pytest.approx(back.total + inside.total + outside.total)
-    assert (inside.source, inside.target) == ("plant.y", "sensor.delayed_u")
+    assert (inside.source, inside.target) == ("contact_force", "measured_force")
     assert inside.total == pytest.approx(4 * MS)
-    assert (outside.source, outside.target) == ("sensor.delayed_u", "controller.y")
+    assert (outside.source, outside.target) == ("measured_force", "displacement_command")
     assert outside.total == pytest.approx(MS)  # read by the plant at its next step
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Adder, Gain, Integrator
+from pydrake.systems.primitives import Adder, Gain, Integrator, ZeroOrderHold
 
 import tests.examples.graph_diagrams as diagrams
 from forcectl.doctor import examine
@@ -65,3 +67,30 @@ def test_a_slash_in_a_name_makes_no_second_owner_of_a_path():
     assert [path for path, _ in wiring.leaves()] == ["a/b", "a/b 2"]
     assert wiring.source(PortAddress("input", "a/b", 0)) == PortAddress("output", "a/b 2", 0)
     assert (wiring.parents("a/b"), wiring.parents("a/b 2")) == ([], ["a"])
+
+
+def nameless_row():
+    builder = DiagramBuilder()
+    blocks = [builder.AddSystem(block) for block in (Gain(2.0, 1), Gain(0.5, 1), ZeroOrderHold(0.004, 1))]
+    for one, next_one in itertools.pairwise(blocks):
+        builder.Connect(one.get_output_port(), next_one.get_input_port())
+    builder.ExportInput(blocks[0].get_input_port(), "measured_force")
+    builder.ExportOutput(blocks[-1].get_output_port(), "displacement_command")
+    return builder.Build()
+
+
+@pytest.mark.parametrize("format", ["dot", "html", "mermaid", "svg"])
+def test_every_picture_calls_nameless_blocks_as_the_doctor_does(format):
+    diagram = nameless_row()
+    (found,) = examine(diagram).delays
+    picture = graph(diagram).render(format).replace("\\ ", " ")
+    assert [row.block for row in found.rows] == ["Gain 1", "Gain 2", "ZeroOrderHold"]
+    assert [row.block for row in found.rows if row.block not in picture] == []
+
+
+@pytest.mark.parametrize("make", [nameless_row, lambda: ZeroOrderHold(0.004, 1)], ids=["diagram", "block"])
+def test_ports_of_the_whole_have_no_path(make):
+    system = make()
+    own = [system.get_input_port().get_name(), system.get_output_port().get_name()]
+    (found,) = examine(system, sensor=own[0], command=own[1]).delays
+    assert [found.source, found.target] == own

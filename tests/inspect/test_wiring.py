@@ -68,8 +68,8 @@ def test_blocks_without_a_name_get_a_readable_one():
     assert paths == {"Gain 1.u0", "Gain 2.u0"}
 
 
-def test_an_output_is_shown_by_the_name_of_the_outermost_diagram():
+def test_an_output_is_shown_by_the_name_of_the_outermost_diagram_that_it_leaves():
     wiring = Wiring(nested())
     assert wiring.shown_name(port("cell/deep/b:0", "output")) == "cell.y"
     assert wiring.shown_name(port("cell/a:0", "output")) == "cell/a.y0"
-    assert wiring.shown_name(port("c:0", "output")) == "c.y0"
+    assert wiring.shown_name(port("c:0", "output")) == "y"

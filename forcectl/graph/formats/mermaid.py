@@ -64,8 +64,7 @@ class _Flowchart:
 def _node(block: Block, node: str) -> str:
     shape = shape_of(block)
     symbol = "" if shape.symbol.startswith(":") else shape.symbol
-    name = "" if symbol and block.automatic_name else block.name
-    text = "<br/>".join(text_of(row) for row in (symbol, name, subtitle(block), block.period_text) if row)
+    text = "<br/>".join(text_of(row) for row in (symbol, block.name, subtitle(block), block.period_text) if row)
     if shape.form == "circle":
         return f'{node}(("{text}"))'
     if block.kind == "diagram":

@@ -105,7 +105,7 @@ def _row(index: int, count: int, rows: int) -> float:
 
 
 def _symbol(block: Block, form: Form, text: str) -> Shape:
-    captions = tuple(line for line in ("" if block.automatic_name else block.name, block.mark) if line)
+    captions = tuple(line for line in (block.name, block.mark) if line)
     many = max(len(block.inputs), len(block.outputs), 1)
     height = max(SYMBOL, many * PORT_PITCH)
     if form == "circle":
