@@ -189,11 +189,15 @@ class _Ticks(_Shared):
         return self._unpack(context.get_discrete_state(self._memory).value())
 
     def last_tick(self, context: Context) -> TickStart:
-        """What the tick started from whose values the outputs show; of a block that keeps it.
+        """What the tick started from whose values the outputs show; of a block that keeps it, see `keeps_start`.
 
         Raises:
-            BadInputError: there was none yet.
+            BadInputError: there was none yet, or the block does not keep it.
         """
+        if not self.keeps_start:
+            raise BadInputError(
+                f"last_tick: a {type(self).__name__} does not keep what its ticks start from; see memory"
+            )
         now = context.get_time()
         memory = self.held(context)
         if now - memory["time"] >= self._soonest:

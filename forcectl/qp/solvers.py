@@ -37,6 +37,7 @@ _CLARABEL: dict[str, float] = {
     "iterative_refinement_abstol": 1e-16,
     "iterative_refinement_max_iter": 50,
 }
+_DAQP = ("DaqpSolver", {"primal_tol": _PRIMAL_TOLERANCE})
 # Classes of Drake, with the options that make them exact enough to command a robot.
 _OF_DRAKE: dict[str, tuple[str, dict[str, float]]] = {
     "clarabel": ("ClarabelSolver", _CLARABEL),
@@ -77,9 +78,7 @@ class DrakeSolver:
         if not _has(kind):
             raise BadInputError(f"solver {kind}: Drake has none, or may not use it here")
         self._solver = getattr(solvers, kind)()
-        self._options = SolverOptions()
-        for name, value in options.items():
-            self._options.SetOption(self._solver.solver_id(), name, value)
+        self._options = _options(kind, options)
 
     def __call__(self, program: NamedProgram, numbers: Coefficients) -> tuple[Array | None, bool]:
         """See `Solver`."""
@@ -108,7 +107,19 @@ class DaqpPackage:
 
 def drake_daqp() -> DrakeSolver:
     """DAQP through Drake, where Drake has it."""
-    return DrakeSolver("DaqpSolver", {"primal_tol": _PRIMAL_TOLERANCE})
+    return DrakeSolver(*_DAQP)
+
+
+def exact_options(name: str) -> SolverOptions:
+    """With which Drake's solver of that name finds the u of the programs that controllers show to 1e-6.
+
+    Raises:
+        BadInputError: Drake has none of this name, or may not use it here.
+    """
+    known = {each: of for each, of in {DEFAULT_SOLVER: _DAQP, **_OF_DRAKE}.items() if _has(of[0])}
+    if name not in known:
+        raise BadInputError(f" = {name!r}: must be one of {', '.join(known)}, Drake's available here", key="solver")
+    return _options(*known[name])
 
 
 @cache
@@ -144,6 +155,14 @@ def make_solver(name: str | Solver) -> Solver:
     if check_solver(name) == DEFAULT_SOLVER:
         return drake_daqp() if _has("DaqpSolver") else DaqpPackage()
     return DrakeSolver(*(_UNCONVERGED if name == UNCONVERGED else _OF_DRAKE[name]))
+
+
+def _options(kind: str, options: dict[str, float]) -> SolverOptions:
+    """Options of one of Drake's solvers, by the name of its class."""
+    made = SolverOptions()
+    for name, value in options.items():
+        made.SetOption(getattr(solvers, kind).id(), name, value)
+    return made
 
 
 def _has(kind: str) -> bool:

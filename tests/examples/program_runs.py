@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake import solvers
-from pydrake.solvers import MathematicalProgram, SolverOptions
+from pydrake.solvers import MathematicalProgram
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from forcectl.force.governor.governor import CommandGovernor
-from forcectl.qp.solvers import Solver
+from forcectl.qp.solvers import Solver, exact_options
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import CartesianWall
 from forcectl.tasks.constraints.task_limits import TaskSpeedLimit
@@ -23,29 +23,17 @@ from tests.examples.robot_controller_runs import limits, make, robot_plant_model
 
 Inputs = dict[str, Callable[[float], Any]]
 
-# Of Drake's other solvers: exact enough to be compared with an active-set solver.
-EXACT: dict[str, dict[str, float]] = {
-    "ClarabelSolver": {
-        "tol_gap_abs": 1e-12,
-        "tol_gap_rel": 1e-12,
-        "tol_feas": 1e-12,
-        "iterative_refinement_reltol": 1e-16,
-        "iterative_refinement_abstol": 1e-16,
-        "iterative_refinement_max_iter": 50,
-    },
-    "OsqpSolver": {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 50_000},
-}
+# Drake's solvers that are exact enough to be compared with an active-set solver, and their names.
+EXACT = {"ClarabelSolver": "clarabel", "OsqpSolver": "osqp"}
 if hasattr(solvers, "DaqpSolver"):
-    EXACT["DaqpSolver"] = {"primal_tol": 1e-10}
+    EXACT["DaqpSolver"] = "daqp"
 
 
 def solved(program: MathematicalProgram, kind: str) -> np.ndarray:
     """All variables of a program at its optimum, by one of Drake's solvers."""
-    solver, options = getattr(solvers, kind)(), SolverOptions()
-    for name, value in EXACT[kind].items():
-        options.SetOption(solver.solver_id(), name, value)
+    solver = getattr(solvers, kind)()
     # Asked for the last digit, some say that they did not quite reach it: the answer counts.
-    x: np.ndarray = solver.Solve(program, None, options).get_x_val()
+    x: np.ndarray = solver.Solve(program, None, exact_options(EXACT[kind])).get_x_val()
     return x
 
 

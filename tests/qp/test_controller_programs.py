@@ -15,7 +15,7 @@ from forcectl.errors import BadInputError
 from forcectl.force.governor.governor import CommandGovernor, GovernedConfig
 from forcectl.force.invariance.robot import InvarianceRobotConfig
 from forcectl.qp.quadratic_program import Status
-from forcectl.qp.solvers import DaqpPackage, Solver, available_solvers, drake_daqp, make_solver
+from forcectl.qp.solvers import DaqpPackage, Solver, available_solvers, drake_daqp, exact_options, make_solver
 from forcectl.tasks.controllers.reaching import ReactiveReachingConfig
 from tests.examples.program_runs import EXACT, Case, cases, solved, ticks
 from tests.examples.robot_controller_runs import make, robot_plant_model
@@ -316,6 +316,33 @@ def test_every_solver_that_is_offered_commands_a_robot(name: str) -> None:
     command, statuses = closed_loop(case, name, 60)
     assert not statuses.any()
     np.testing.assert_allclose(command, expected_loop("invariance, torques")[0][:60], atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["simplex", "osqp_one_step", 3])
+def test_options_are_those_of_drakes_solvers(name: Any) -> None:
+    with pytest.raises(BadInputError, match=r"^solver = .*: must be one of .*clarabel, .*osqp, Drake's available here"):
+        exact_options(name)
+
+
+def test_a_governor_says_that_it_does_not_keep_what_its_ticks_start_from() -> None:
+    block, simulator, context = advanced("governor, eight ticks", 0.02)
+    for t in (0.02, 0.0211):  # at a tick, and between two
+        simulator.AdvanceTo(t)
+        with pytest.raises(BadInputError, match="last_tick: a CommandGovernor does not keep what its ticks start from"):
+            block.last_tick(context)
+
+
+def test_steps_of_a_guarded_move_are_added_behind_the_program() -> None:
+    case = CASES["invariance, wall and maximum force"]
+    block = make(approached=True)
+    inputs = {**case.inputs, "desired_force": lambda t: 0.0, "approach_displacement": lambda t: -1e-5 * (t > 0.02)}
+    (*_, context) = ticks(block, case._replace(inputs=inputs), 12)
+    before, after = block.last_tick(context).memory, block.memory(context)
+    assert after["approach_displacement"] < before["approach_displacement"]
+    u = solved(block.program(context), "OsqpSolver")[:6]
+    speeds = after["joint_velocity_command"] - before["joint_velocity_command"]
+    np.testing.assert_allclose(u, speeds / case.period, atol=1e-6)
+    assert np.abs(u - case.command(block, context)).max() > 1.0
 
 
 def test_a_block_takes_a_name_or_a_solver() -> None:

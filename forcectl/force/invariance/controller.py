@@ -268,8 +268,8 @@ class InvarianceController(SampledBlock):
     def program(self, context: Context) -> MathematicalProgram:
         """The quadratic program of the last tick, with all its rows; variables, rows and costs have names.
 
-        Its solution is u [rad/s^2], followed by the slacks of the regulated outputs when these had to give way. The
-        program belongs to the context, and is filled anew by the next look at it.
+        Its solution is u [rad/s^2], followed by the slacks of the regulated outputs when these had to give way. A step
+        of a guarded move comes behind it, see `ApproachSteps`. It belongs to the context; the next look fills it anew.
 
         Args:
             context: of this block.
