@@ -111,15 +111,24 @@ class LinkDistance:
         """The same, with y'' = row u + bias as it is."""
         known: dict[object, Any] = getattr(motion, "known", {})
         if self not in known:  # the companion asks for the same
-            if self._tree not in known:  # and so do further distances of the robot
-                known[self._tree] = self._tree.at(motion.q, motion.v)
-            state = known[self._tree]
-            near = self._table.near(state, self._near, self._minimum, self.gamma)
-            rate = np.einsum("pbi,pbi->pb", near.normal, near.w)
-            least = speed_left(near.distance - self._minimum, rate, self.gamma)
-            chosen = np.sort(np.argpartition(least, self.rows - 1, axis=None)[: self.rows])
-            known[self] = self._rows(state, near, chosen)
+            known[self] = self._rows(*self._chosen(motion, known))
         return known[self]
+
+    def rows_at(self, motion: RobotMotion) -> list[str]:
+        """The pair of shapes of every row."""
+        _, near, chosen = self._chosen(motion, {})
+        pairs = self._table.pair.take(near.pair.take(chosen // near.gap.shape[1]))
+        return [" and ".join(self._names[pair]) for pair in pairs]
+
+    def _chosen(self, motion: RobotMotion, known: dict[object, Any]) -> tuple[TreeState, NearBalls, Indices]:
+        """The balls of the rows among those that are near."""
+        if self._tree not in known:  # further distances of the robot ask for the same
+            known[self._tree] = self._tree.at(motion.q, motion.v)
+        state = known[self._tree]
+        near = self._table.near(state, self._near, self._minimum, self.gamma)
+        rate = np.einsum("pbi,pbi->pb", near.normal, near.w)
+        least = speed_left(near.distance - self._minimum, rate, self.gamma)
+        return state, near, np.sort(np.argpartition(least, self.rows - 1, axis=None)[: self.rows])
 
     def distances(self, q: Array) -> Array:
         """Distance of each of the pairs of shapes [m], too small by up to the tolerances, in posture q (n,) [rad]."""
@@ -191,6 +200,16 @@ class _SlowDown:
 
     def evaluate(self, motion: RobotMotion) -> tuple[float, float, Array, Array]:
         """(0, 0, row, bias)."""
+        direction, limit, worst = self._limits(motion)
+        return 0.0, 0.0, direction, -limit[worst]
+
+    def rows_at(self, motion: RobotMotion) -> list[str]:
+        """The pair of shapes of every row."""
+        pairs = self._distance.rows_at(motion)
+        return [pairs[i] for i in self._limits(motion)[2]]
+
+    def _limits(self, motion: RobotMotion) -> tuple[Array, Array, Indices]:
+        """Directions of the rows, the limits of all balls of the distance, and which of these the rows are of."""
         y, rate, row, bias = self._distance.second_derivative(motion)
         speeds, acceleration = motion.v, self._acceleration
         ahead = max((np.abs(speeds) / acceleration).max(), _TINY)
@@ -208,4 +227,4 @@ class _SlowDown:
         speed = np.maximum(np.sqrt((own * own).sum(axis=1)), _TINY)
         limit = np.clip((np.minimum(share, _NO_LIMIT) - 1.0) * speed / self._period, -speed / ahead, None)
         worst = np.argpartition(limit, self._count - 1)[: self._count]
-        return 0.0, 0.0, own[worst] / speed[worst, None], -limit[worst]
+        return own[worst] / speed[worst, None], limit, worst

@@ -185,7 +185,7 @@ class ConstrainedProgram:
             raise invalid("level", level, f"from 1 to {len(problem.levels)}")
         if self._torque is not None and len(limit) == self._asked(problem):
             matrix, limit = self._with_torque(problem.motion, matrix, limit)
-        return self._programs.program(
+        program = self._programs.program(
             max(found.levels, 1) if level is None else level,
             found,
             problem.levels,
@@ -194,6 +194,10 @@ class ConstrainedProgram:
             u_lower=problem.rows.lower,
             u_upper=problem.rows.upper,
         )
+        names = [*self._further, *self._constraints.names_at(problem.motion)]
+        for row, name in zip(program.linear_constraints(), names, strict=False):  # the torques are behind them
+            row.evaluator().set_description(name)
+        return program
 
     def _asked(self, problem: Problem) -> int:
         """How many rows there are without those of the torques."""

@@ -11,6 +11,8 @@ import pytest
 from pydrake import solvers
 from pydrake.systems.analysis import Simulator
 
+from forcectl.collision.distance import LinkDistance
+from forcectl.collision.shapes import RobotShapes
 from forcectl.errors import BadInputError
 from forcectl.force.governor.governor import CommandGovernor, GovernedConfig
 from forcectl.force.invariance.robot import InvarianceRobotConfig
@@ -18,6 +20,7 @@ from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DaqpPackage, Solver, available_solvers, drake_daqp, exact_options, make_solver
 from forcectl.tasks.controllers.reaching import ReactiveReachingConfig
 from tests.examples.program_runs import EXACT, Case, cases, solved, ticks
+from tests.examples.reactive_examples import reactive_controller
 from tests.examples.robot_controller_runs import make, robot_plant_model
 
 CASES = cases()
@@ -253,6 +256,21 @@ def test_everything_in_the_programs_of_the_reactive_controller_has_a_name() -> N
     assert equal[0] == "left x as above"
     assert len(equal) == 12
     assert not first.linear_equality_constraints()
+
+
+def test_rows_of_link_distances_name_the_pair_that_they_are_of_in_the_tick() -> None:
+    distance = LinkDistance(RobotShapes.load("yumi", "yumi_gripper"))
+    case = CASES["reactive, speeds"]
+    block = reactive_controller(constraints=[distance])
+    (*_, context) = ticks(block, case, 8)
+    first, second = (names(block.program(context, level).linear_constraints()) for level in (1, 2))
+    assert first == second
+    slowed, kept = first[:4], first[4 : 4 + distance.rows]
+    assert [name.partition(",")[0] for name in kept] == [f"link distance 1: row {i + 1}" for i in range(distance.rows)]
+    pairs = [name.partition(", ")[2] for name in kept]
+    assert distance.nearest(block.last_tick(context).memory["joint_position_command"]).partition(" are ")[0] in pairs
+    assert len(set(pairs)) > 1
+    assert all(name.startswith("slow down 1: row ") and name.partition(", ")[2] in pairs for name in slowed)
 
 
 def test_a_tick_with_slack_names_it() -> None:

@@ -24,8 +24,6 @@ gamma, up to twice.
 from __future__ import annotations
 
 import math
-import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -39,6 +37,7 @@ from forcectl.framework.kernels import largest
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.joint_bounds import JointBounds, bounded_acceleration
+from forcectl.tasks.constraints.row_names import row_names, with_rows_at
 
 Vector = NDArray[np.float64]
 
@@ -67,6 +66,7 @@ class Constraint(Protocol):
     attribute `task`; it must be hashable.
     `companions` are further constraints that belong to it. `label`, and `row_names` of a constraint of several rows,
     are its names in the program of a controller: "wall 1"; else they are made of the name of its class and numbers.
+    `rows_at(motion)` says of each row that changes what it stands for at this motion; only that program asks for it.
     """
 
     relative_degree: int
@@ -263,7 +263,7 @@ class ConstraintSet:
                 parts = [constraint, *getattr(constraint, "companions", ())]
                 every += parts
                 found += [(part, *_try(part, start, gamma, from_start)) for part in parts]
-        names = dict(zip(map(id, every), _row_names([(c, rows) for c, rows, _ in found]), strict=True))
+        names = dict(zip(map(id, every), row_names([(c, rows) for c, rows, _ in found]), strict=True))
         found.sort(key=lambda item: item[0].relative_degree)
         self.row_names = [name for c, _, _ in found for name in names[id(c)]]
         ends = np.cumsum([rows for _, rows, _ in found], dtype=int).tolist()
@@ -279,6 +279,10 @@ class ConstraintSet:
         self._gamma = [own for _, own in each][self._second :]
         self._margin = [_margin(c) for c, _ in each][self._second :]
         self._steady = [not getattr(c, "rows_change", False) for c, _ in each][self._second :]
+
+    def names_at(self, motion: RobotMotion) -> list[str]:
+        """Names of the rows, with what those that change stand for at this motion."""
+        return with_rows_at(self.row_names, self._parts, motion)
 
     def rows(self, motion: RobotMotion, foreseen: Vector) -> Rows:
         """The rows and bounds at this tick; those of a constraint that raises are not a number.
@@ -332,26 +336,6 @@ class ConstraintSet:
         """
         time = max((np.abs(v) / self._acceleration).max().item() * 2.0, self._period)
         return np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
-
-
-def label(constraint: Constraint) -> str:
-    """What a constraint is called, without a number."""
-    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", type(constraint).__name__.strip("_")).lower()
-    return str(getattr(constraint, "label", words))
-
-
-def _row_names(constraints: Sequence[tuple[Constraint, int]]) -> list[list[str]]:
-    """Names of the rows of constraints with these numbers of rows: "wall 1", "speed limit 2: upper left x"."""
-    names, met = [], Counter[str]()
-    for constraint, rows in constraints:
-        kind = label(constraint)
-        met[kind] += 1
-        own = getattr(constraint, "row_names", None)
-        if own is None or len(own) != rows:
-            own = [f"row {i + 1}" for i in range(rows)]
-        whole = f"{kind} {met[kind]}"
-        names.append([whole] if rows == 1 else [f"{whole}: {name}" for name in own])
-    return names
 
 
 def _slack_weight(constraint: Constraint) -> float:

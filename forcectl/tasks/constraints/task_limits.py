@@ -9,7 +9,8 @@ from forcectl.errors import BadInputError
 from forcectl.framework.batch import batch_values, check_order
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.robot_motion import RobotMotion
-from forcectl.tasks.constraints.base import Constraint, Evaluation, label
+from forcectl.tasks.constraints.base import Constraint, Evaluation
+from forcectl.tasks.constraints.row_names import label
 from forcectl.tasks.coordinates import ArmTask, TaskState
 
 Vector = NDArray[np.float64]
