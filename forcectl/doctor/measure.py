@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Context, System
 
@@ -24,7 +25,7 @@ def measure_delay(
     target: PortName,
     *,
     tick: float,
-    amplitude: float = 1.0,
+    amplitude: ArrayLike = 1.0,
     start: float = 0.0,
     longest: float = 1.0,
     threshold: float | None = None,
@@ -44,7 +45,8 @@ def measure_delay(
             output, what it is computed from is stepped.
         target: a vector output, likewise.
         tick: resolution [s], usually the control period.
-        amplitude: size of the step, unit of the source; added to every element.
+        amplitude: size of the step, unit of the source, of all elements or of each: a step of all joints alike may
+            leave the contact force as it is.
         start: when the step comes, after the time of the context [s], a multiple of `tick`; matters where periods
             differ.
         longest: when to give up, after `start` [s].
@@ -69,6 +71,9 @@ def measure_delay(
     for port in (*map(wiring.port, first.readers), watched):
         if not is_vector(port):
             raise invalid("port", port.get_name(), "a vector port: a step of an abstract value has no meaning")
+    sizes = [wiring.port(port).size() for port in first.readers]
+    if any(np.shape(amplitude) not in ((), (size,)) for size in sizes):
+        raise invalid("amplitude", amplitude, f"a number, or one for each of {sizes[0]} elements")
 
     runs = []
     for _ in range(2):
@@ -80,7 +85,7 @@ def measure_delay(
         begin = own.get_time() + start
         if start > 0:
             runs[-1].AdvanceTo(begin)
-    for run, step in zip(runs, (0.0, amplitude), strict=True):
+    for run, step in zip(runs, (0.0, np.asarray(amplitude)), strict=True):
         for reader in first.readers:
             block, port = wiring.systems[reader.system], wiring.port(reader)
             here = block.GetMyMutableContextFromRoot(run.get_mutable_context())

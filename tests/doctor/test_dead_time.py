@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, EventStatus
@@ -77,7 +78,12 @@ def in_contact(diagram, latest=3.0, force="contact_force", least=(1.0,)):
 def measured(loop, context, source, target):
     """Shortest time over sizes and directions of the step: a contact may open, a limit may be reached."""
     start = math.ceil(context.get_time() / loop.period - 1e-9) * loop.period - context.get_time()
-    sizes = [sign * size for size in STEPS[source.rpartition(".")[2]] for sign in (-1.0, 1.0)]
+    name = source.rpartition(".")[2]
+    signs = [-1.0, 1.0]
+    if name == "joint_position_command":  # all joints alike may move the tool along the surface only
+        (port,) = find_outputs(wiring := Wiring(loop.diagram), source)
+        signs += [sign * (-1.0) ** np.arange(wiring.port(port).size()) for sign in signs]
+    sizes = [sign * size for size in STEPS[name] for sign in signs]
     shortest, longest = None, 0.08
     for size in sizes:
         options = {"tick": TICK, "start": start, "longest": longest, "context": context}

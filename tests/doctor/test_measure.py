@@ -51,6 +51,7 @@ def test_no_answer_is_none():
     [
         ({"tick": 0.0}, "tick = 0.0: must be positive"),
         ({"tick": 0.1, "start": -1.0}, "start = -1.0: must be zero or positive"),
+        ({"tick": 0.1, "amplitude": [1.0, 2.0]}, "amplitude = .*: must be a number, or one for each of 1 elements"),
         ({"tick": 0.1, "source": "x"}, "unknown port 'x'"),
         ({"tick": 0.1, "target": "x"}, "unknown port 'x'"),
     ],
@@ -84,6 +85,7 @@ def test_rounding_of_a_signal_is_no_answer():
     options = {"tick": 0.01, "amplitude": 0.7, "longest": 0.0, "context": context}
     assert measure_delay(block, "u0", "y0", **options) is None
     assert measure_delay(block, "u0", "y0", **options, threshold=0.0) == 0.0
+    assert measure_delay(block, "u0", "y0", **options | {"amplitude": [0.7, 0.7, 0.0]}) == 0.0
 
 
 def test_a_small_answer_to_a_large_signal_is_one():
