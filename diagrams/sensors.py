@@ -158,7 +158,8 @@ class WristForce(PythonDiagram):
             )
         mounting = site.mountings[0]
         if mounting is None:
-            raise BadInputError(f"environment {contact.name!r}: has no body for a wrist sensor to tell its force by")
+            other = "must be a sensor of contact_force, as for every block of one's own in station.fidelity = Multibody"
+            raise BadInputError(f"environment {contact.name!r} has no body to tell its force by: {other}")
         scale = config.channel_scale()
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect

@@ -15,7 +15,7 @@ from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
 from forcectl.framework.wiring import add_part, made_by
 from forcectl.plant.compliance import compliance_along, robot_compliance
-from forcectl.plant.contact.compliant_contact import contact_response
+from forcectl.plant.contact.compliant_contact import EnvironmentConfig, contact_response
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.pairs.pair_contact import PairContactPart
 from forcectl.plant.contact.part import PartConfig
@@ -64,8 +64,14 @@ class Contact:
 
     @property
     def surface(self) -> SurfaceConfig | None:
-        """Heights and materials; None of an environment that is a force of its own."""
-        return getattr(self.environment, "surface", None)
+        """Heights and materials; None of an environment that has none."""
+        return _surface_of(self.environment)
+
+    @property
+    def own_force(self) -> bool:
+        """Whether a block of the environment's own makes the force, not the contact that this fidelity has for it."""
+        adds = getattr(self.environment, "add_to", None)
+        return adds is not None and getattr(adds, "__func__", None) is not EnvironmentConfig.add_to
 
     @property
     def gap(self) -> float:
@@ -317,6 +323,11 @@ def holding_stiffness(drive: Any, robot: RobotModel) -> Vector:
     return stiffness
 
 
+def _surface_of(part: Any) -> SurfaceConfig | None:
+    surface = getattr(part, "surface", None)
+    return surface if isinstance(surface, SurfaceConfig) else None
+
+
 def _contact(config: StationConfig, robot: RobotModel, start: Vector, name: str, part: Any) -> Contact:
     acts = callable(getattr(part, "add_to", None)) or hasattr(part, "touching_points")
     if not acts or not hasattr(part, "first_stiffness"):
@@ -324,7 +335,7 @@ def _contact(config: StationConfig, robot: RobotModel, start: Vector, name: str,
     arm = getattr(part, "arm", "") or next(iter(robot.parts.arms))
     own = robot.for_arm(arm)
     n = unit_normal(getattr(part, "normal", None) or config.normal)
-    surface = getattr(part, "surface", None)
+    surface = _surface_of(part)
     if surface is not None and not surface.uniform:
         surface.direction_across(n)
     direction = check_start_posture(own, start, n, config.singularity_limit)

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import MatrixGain
 
 from forcectl.diagrams.mechanics.assembly import Assembly, through
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add_depth, add_surface, connect_material
+from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add_surface, connect_material, feed_contact
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.block import PythonDiagram
@@ -118,7 +118,7 @@ class LightStation(PythonDiagram):
         super().__init__()
         contact, builder, site = workcell.contact, DiagramBuilder(), Site(workcell, seed)
         assembly = Assembly(builder)
-        assembly.add(add_part(workcell.config.drive, "drive", builder, site))
+        assembly.add(add_part(workcell.config.drive, "drive", builder, site), workcell.config.drive)
         for name in ("motor_position", "motor_velocity"):
             if name not in assembly.signals:
                 raise BadInputError(f" has no output {name}: must have it in this fidelity", key="drive")
@@ -148,15 +148,12 @@ def _press_along_a_line(assembly: Assembly, workcell: Workcell) -> Pressing:
         displacement = through(builder, "motor_displacement", line, position)
     spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
     surface = add_surface(builder, workcell, contact, position, q_0)
-    connect_material(builder, surface, spring)
-    uneven = "surface_height" in surface
-    depth = add_depth(builder, displacement, surface["surface_height"]) if uneven else displacement
-    builder.Connect(depth, spring.GetInputPort("displacement"))
+    given = {"displacement": displacement}
     if "displacement_velocity" in input_names(spring):
         along = MatrixGain(contact.row.reshape(1, -1))
         velocity = through(builder, "displacement_velocity", along, assembly.signals["motor_velocity"])
-        builder.Connect(velocity, spring.GetInputPort("displacement_velocity"))
-    return spring.GetOutputPort("contact_force"), displacement, surface
+        given["displacement_velocity"] = velocity
+    return feed_contact(assembly, contact, spring, given, surface), displacement, surface
 
 
 def _press(assembly: Assembly, workcell: Workcell) -> Pressing:
@@ -165,10 +162,10 @@ def _press(assembly: Assembly, workcell: Workcell) -> Pressing:
     surface = add_surface(builder, workcell, contact, position, q_0)
     tip = TipDisplacement(contact.robot, contact.n, q_0, period=None)
     displacement = through(builder, "tip_displacement", tip, position)
-    if contact.surface is None:
+    if contact.own_force or contact.surface is None:
         spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
-        builder.Connect(displacement, spring.GetInputPort("displacement"))
-        return spring.GetOutputPort("contact_force"), displacement, surface
+        given = {"displacement": displacement}
+        return feed_contact(assembly, contact, spring, given, surface), displacement, surface
     stiffness, damping = contact.environment.contact_values
     block = TipContact(
         contact.robot,
@@ -199,6 +196,6 @@ def add_sensors(assembly: Assembly, site: Site) -> None:
     """
     for i, (name, sensor) in enumerate(site.workcell.config.sensors.items()):
         before = set(assembly.signals)
-        assembly.add_sensor(add_part(sensor, f"sensors.{name}", assembly.builder, site.with_seed(i)), name)
+        assembly.add_sensor(add_part(sensor, f"sensors.{name}", assembly.builder, site.with_seed(i)), name, sensor)
         if set(assembly.signals) == before:
             raise BadInputError(" has no output port: must measure something", key=f"sensors.{name}")

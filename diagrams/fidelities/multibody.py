@@ -14,6 +14,7 @@ All arms share one plant. Links push each other where `self_collision` says so; 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,13 +37,14 @@ from forcectl.diagrams.mechanics.assembly import Assembly, selector, through
 from forcectl.diagrams.mechanics.environment_body import drive_surface
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.station_parts import add_pairs, add_parts, apply_forces
-from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add_surface, is_uniform
+from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add_surface, feed_contact, is_uniform
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.framework.wiring import Enclosed, add_part, stacked
 from forcectl.motion.loads import add_loads, loaded_frames
+from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
 from forcectl.plant.tip_kinematics import TipDisplacement
 from forcectl.plant.tip_load import HeldPart, LoadTruth, TipLoad
@@ -61,13 +63,25 @@ class MultibodyFidelity:
         """Whether the workcell can be realised.
 
         Raises:
-            BadInputError: it has a two-sided spring.
+            BadInputError: it has a two-sided spring, or a surface with a force of its own that is more than a force.
         """
         check_one_sided(workcell)
+        for contact in workcell.contacts:
+            if contact.own_force and isinstance(contact.environment, EnvironmentConfig):
+                with about(contact.environment):
+                    _check_own(contact.environment)
 
     def build(self, workcell: Workcell, seed: int) -> Diagram:
         """The station."""
         return MultibodyStation(workcell, seed)
+
+
+def _check_own(config: EnvironmentConfig) -> None:
+    why = "where add_to is one's own: its block is a force along the normal"
+    if config.friction:
+        raise invalid("friction", config.friction, f"0 {why}")
+    if config.surface.turning:
+        raise invalid("surface.turning", True, f"false {why}")
 
 
 class MultibodyStation(PythonDiagram):
@@ -157,7 +171,7 @@ def _add_drive(assembly: Assembly, site: Site) -> None:
     """The drive, and its coupling to the plant."""
     builder, workcell, plant, parts = assembly.builder, site.workcell, site.plant, site.parts
     drive = add_part(workcell.config.drive, "drive", builder, site)
-    assembly.add(drive)
+    assembly.add(drive, workcell.config.drive)
     signals, instance = assembly.signals, parts.instance
     n, elastic = workcell.num_joints, workcell.config.elastic_joints
     if elastic:
@@ -226,19 +240,17 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
     displacements = []
     for i, (contact, mounting) in enumerate(zip(workcell.contacts, site.mountings, strict=True)):
         label = contact.name if len(workcell.contacts) > 1 else ""
+        # An uneven surface is raised to its height at the place of the links.
+        if len(workcell.contacts) > 1 and not is_uniform(contact):
+            raise BadInputError(f"environment {contact.name!r}: must be flat and of one material beside other surfaces")
+        surface = add_surface(builder, workcell, contact, signals["link_position"], workcell.start)
         if mounting is not None:
-            # An uneven surface is raised to its height at the place of the links.
-            if len(workcell.contacts) > 1 and not is_uniform(contact):
-                raise BadInputError(
-                    f"environment {contact.name!r}: must be flat and of one material beside other surfaces"
-                )
-            surface = add_surface(builder, workcell, contact, signals["link_position"], workcell.start)
             drive_surface(builder, workcell, contact, site.plant, mounting, surface)
-            for name, port in surface.items():
-                if name != "plane_state":
-                    assembly.offer(name, port)
         else:
-            forces[i] = _add_own_surface(assembly, workcell, contact)
+            forces[i] = _add_own_surface(assembly, workcell, contact, surface)
+        for name, port in surface.items():
+            if name != "plane_state":
+                assembly.offer(name, port)
         tip = TipDisplacement(contact.robot, contact.n, workcell.motor_start, period=None)
         name = "_".join(filter(None, ("tip_displacement", label)))
         displacements.append(through(builder, name, tip, signals["motor_position"]))
@@ -260,7 +272,9 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
     return _own_wrenches(builder, workcell, {i: port for i, port in forces.items() if site.mountings[i] is None})
 
 
-def _add_own_surface(assembly: Assembly, workcell: Workcell, contact: Contact) -> OutputPort:
+def _add_own_surface(
+    assembly: Assembly, workcell: Workcell, contact: Contact, uneven: Mapping[str, OutputPort]
+) -> OutputPort:
     """A surface of a class of one's own: its force from the displacement of the links."""
     builder = assembly.builder
     place = TipDisplacement(contact.robot, contact.n, workcell.start, period=None)
@@ -268,8 +282,7 @@ def _add_own_surface(assembly: Assembly, workcell: Workcell, contact: Contact) -
     inner = DiagramBuilder()
     own = contact.add_to(inner, workcell.config.time_step, robot_compliance=0.0)
     surface = builder.AddNamedSystem(f"surface_{contact.name}", Enclosed(inner, own))
-    builder.Connect(displacement, surface.GetInputPort("displacement"))
-    return surface.GetOutputPort("contact_force")
+    return feed_contact(assembly, contact, surface, {"displacement": displacement}, uneven)
 
 
 def _own_wrenches(builder: DiagramBuilder, workcell: Workcell, forces: dict[int, OutputPort]) -> OutputPort | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, PortDataType, System
 from pydrake.systems.primitives import Selector, SelectorParams
 
@@ -48,6 +50,16 @@ def selector(size: int, rows: list[int], name: str) -> Selector:
     return Selector(SelectorParams(inputs=[SelectorParams.InputPortParams(name="state", size=size)], outputs=[output]))
 
 
+def check_reads(port: InputPort, source: OutputPort) -> None:
+    """BadInputError for an input of another kind or size than the signal of its name."""
+    name, vector = port.get_name(), source.get_data_type() == PortDataType.kVectorValued
+    if port.get_data_type() != source.get_data_type():
+        kind = f"a vector of size {source.size()}" if vector else "abstract"
+        raise BadInputError(f" reads {name} as another kind of port: must be {kind}")
+    if vector and port.size() != source.size():
+        raise BadInputError(f" reads {name} of size {port.size()}: must be {source.size()}")
+
+
 class Assembly:
     """A station in the making.
 
@@ -61,7 +73,7 @@ class Assembly:
     def __init__(self, builder: DiagramBuilder):
         self.builder = builder
         self.signals: dict[str, OutputPort] = {}
-        self._open: list[tuple[str, InputPort, System]] = []
+        self._open: list[tuple[str, InputPort, Any]] = []
         self._sensed: set[str] = set()  # names of what sensors put out
         self._units: dict[str, str] = {}  # of what a further sensor puts out, by the name with the sensor's in front
 
@@ -76,30 +88,32 @@ class Assembly:
             raise BadInputError(f"both {first!r} and {second!r} put out {name}: must be one of them", key="sensors")
         self.signals[name] = port
 
-    def add(self, system: System) -> None:
+    def add(self, system: System, part: Any = None) -> None:
         """Take a part in: its outputs are offered, its inputs are connected by `finish`.
 
         Args:
             system: already in the builder.
+            part: configuration that it is of, for messages.
         """
-        self._take(system, set(), "")
+        self._take(system, part, set(), "")
 
-    def add_sensor(self, system: System, name: str) -> None:
+    def add_sensor(self, system: System, name: str, part: Any) -> None:
         """Take a sensor in. What another sensor puts out already has the name of this one in front.
 
         Args:
             system: already in the builder; is renamed when another block there has its name.
             name: of the sensor.
+            part: its configuration.
         """
         block = system.get_name()
         if sum(each.get_name() == block for each in self.builder.GetSystems()) > 1:
             system.set_name(f"{name}_{block}")
-        self._take(system, self._sensed, f"{name}_")
+        self._take(system, part, self._sensed, f"{name}_")
         self._sensed |= set(output_names(system))
 
-    def _take(self, system: System, known: set[str], prefix: str) -> None:
+    def _take(self, system: System, part: Any, known: set[str], prefix: str) -> None:
         for name in input_names(system):
-            self._open.append((name, system.GetInputPort(name), system))
+            self.want(name, system.GetInputPort(name), part)
         for name in output_names(system):
             if name not in known:
                 self.offer(name, system.GetOutputPort(name))
@@ -107,9 +121,9 @@ class Assembly:
                 self.offer(prefix + name, system.GetOutputPort(name))
                 self._units[prefix + name] = unit_of(name, getattr(system, "port_units", {}))
 
-    def want(self, name: str, port: InputPort) -> None:
-        """Connect an input of the station's own to the signal of that name when everything is there."""
-        self._open.append((name, port, port.get_system()))
+    def want(self, name: str, port: InputPort, part: Any = None) -> None:
+        """Connect an input to the signal of that name when everything is there; it is of this part's configuration."""
+        self._open.append((name, port, part))
 
     def finish(self, station: Diagram) -> None:
         """Connect what is open, export what comes from outside and what is put out, and build.
@@ -119,16 +133,19 @@ class Assembly:
         """
         exported: dict[str, object] = {}
         places = {name: i for i, name in enumerate(STATION_INPUTS)}
-        for name, port, system in sorted(self._open, key=lambda each: places.get(each[0], -1)):
+        for name, port, part in sorted(self._open, key=lambda each: places.get(each[0], -1)):
             if name in self.signals:
+                with about(part):
+                    check_reads(port, self.signals[name])
                 self.builder.Connect(self.signals[name], port)
             elif name in exported:
                 self.builder.ConnectInput(exported[name], port)
             elif name in places:
                 exported[name] = self.builder.ExportInput(port, name)
-            else:
+            elif name not in getattr(port.get_system(), "optional_inputs", ()):
                 known = ", ".join(sorted({*STATION_SIGNALS, *self.signals}))
-                raise BadInputError(f"{system.get_name()!r} wants {name}: must be a signal of this station: {known}")
+                with about(part):
+                    raise BadInputError(f" wants {name}, which nothing puts out: must be one of {known}")
         for name, port in self.signals.items():
             if name not in _INTERNAL and port.get_data_type() == PortDataType.kVectorValued:
                 self.builder.ExportOutput(port, name)

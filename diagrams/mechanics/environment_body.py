@@ -252,7 +252,7 @@ def has_dissipation(workcell: Workcell) -> bool:
     Raises:
         BadInputError: some have the one and some the other: Drake knows one law of contact for a plant.
     """
-    surfaces = {each.name: each.environment for each in workcell.contacts if each.surface is not None}
+    surfaces = {each.name: each.environment for each in workcell.contacts if not each.own_force}
     found = [name for name, surface in surfaces.items() if surface.dissipation]
     others = [name for name, surface in surfaces.items() if surface.damping]
     others += [*workcell.obstacles, *workcell.parts, *["self_collision"] * workcell.self_collision]

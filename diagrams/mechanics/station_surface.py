@@ -12,9 +12,10 @@ from collections.abc import Mapping
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, Gain
 
-from forcectl.diagrams.mechanics.assembly import Assembly, through
+from forcectl.diagrams.mechanics.assembly import Assembly, check_reads, through
 from forcectl.diagrams.workcell import Contact, Vector, Workcell
-from forcectl.framework.wiring import affine, output_names
+from forcectl.errors import BadInputError, about
+from forcectl.framework.wiring import affine, input_names, output_names
 from forcectl.plant.contact.contact_monitor import ContactMonitor
 from forcectl.plant.contact.surface import SurfaceHeight, SurfaceProfile
 from forcectl.plant.contact.surface_materials import SurfaceMaterial
@@ -92,6 +93,51 @@ def connect_material(builder: DiagramBuilder, surface: Mapping[str, OutputPort],
     for name in ("surface_stiffness", "surface_damping"):
         if name in surface:
             builder.Connect(surface[name], contact.GetInputPort(name))
+
+
+def feed_contact(
+    assembly: Assembly,
+    contact: Contact,
+    block: System,
+    given: Mapping[str, OutputPort],
+    surface: Mapping[str, OutputPort],
+) -> OutputPort:
+    """Connect the block that makes the force of a surface; of further inputs the signals of the station.
+
+    Args:
+        assembly: of the station.
+        contact: the surface's.
+        block: of the surface, with the input displacement.
+        given: ports by the name of the input, `displacement` that to the undeformed and even surface.
+        surface: see `add_surface`.
+
+    Returns:
+        its force, shape (1,) [N].
+
+    Raises:
+        BadInputError: a port is missing, or of another size.
+    """
+    given = {**surface, **given}
+    if "surface_height" in surface:
+        given["displacement"] = add_depth(assembly.builder, given["displacement"], surface["surface_height"])
+    with about(contact.environment):
+        if "displacement" not in input_names(block):
+            raise BadInputError(" has no input displacement: must have it, of size 1")
+        if "contact_force" not in output_names(block):
+            raise BadInputError(" has no output contact_force: must have it, of size 1")
+        if (force := block.GetOutputPort("contact_force")).size() != 1:
+            raise BadInputError(f" puts out contact_force of size {force.size()}: must be 1")
+        for name in input_names(block):
+            if name in given:
+                check_reads(block.GetInputPort(name), given[name])
+                assembly.builder.Connect(given[name], block.GetInputPort(name))
+            else:
+                assembly.want(name, block.GetInputPort(name), contact.environment)
+        for name in ("surface_stiffness", "surface_damping"):
+            if name in surface and name not in input_names(block):
+                fault = f" is given: must be null, or the block of the surface must have the input {name}"
+                raise BadInputError(fault, key="surface.materials")
+    return force
 
 
 def add_depth(builder: DiagramBuilder, displacement: OutputPort, height: OutputPort) -> OutputPort:

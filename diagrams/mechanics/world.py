@@ -69,7 +69,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     config = workcell.config
     solid = bool(workcell.obstacles or workcell.parts) or workcell.self_collision
     scene_graph: SceneGraph | None = None
-    if solid or any(contact.surface is not None for contact in workcell.contacts):
+    if solid or not all(contact.own_force for contact in workcell.contacts):
         plant, scene_graph = add_plant(builder, config.time_step)
     else:
         # Without geometry there is nothing to look for.
@@ -95,7 +95,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     pressing: list[tuple[list[GeometryId], GeometryId]] = []
     for contact in workcell.contacts:
         weld = None
-        if contact.surface is not None:
+        if not contact.own_force:
             weld, surface = add_environment(plant, workcell, contact)
             pressing.append((_add_balls(plant, parts, contact), surface))
         mountings.append(weld)

@@ -283,8 +283,9 @@ def test_a_subclass_of_an_environment_is_kept(fidelity):
     station = StationConfig(fidelity=fidelity, environment=StiffEnvironment())
     scenario = load_scenario({"station": station, "duration": 0.02})
     assert scenario.station.environment is station.environment
-    contact, expected = (fc.build(each).workcell.contact for each in (scenario, Scenario(station=station)))
-    assert contact.environment_compliance == expected.environment_compliance
+    loop, expected = (fc.build(each) for each in (scenario, Scenario(station=station)))
+    assert loop.workcell.contact.environment_compliance == expected.workcell.contact.environment_compliance == 1 / 7e3
+    assert names(loop.diagram) == names(expected.diagram)
 
 
 def test_an_override_changes_a_copy_of_the_object_and_keeps_its_class():
