@@ -16,10 +16,21 @@ from forcectl.estimation.surface_offset import Sliding
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
 from forcectl.framework.block import PythonDiagram
-from forcectl.framework.wiring import Enclosed, add_part, affine, export_outputs, input_names, output_names, stacked
+from forcectl.framework.wiring import (
+    Enclosed,
+    add_part,
+    affine,
+    check_names,
+    export_outputs,
+    input_names,
+    output_names,
+    stacked,
+)
 from forcectl.plant.plant_model import PlantModel
 
 _JOINT_COMMANDS = ("joint_position_command", "joint_velocity_command")
+# Inputs of a law that are made for it; all others are signals of the loop.
+_OF_LAW = (*FORCES, "motor_displacement", "path_displacement", "sliding")
 _WRENCH = "estimated_wrench"
 _NO_SURFACE = " has no surface: must have one for a force law to press on"
 
@@ -29,7 +40,8 @@ class ForceController(PythonDiagram):
 
     ```
     name: ForceController
-    input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference]
+    input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference,
+    (further inputs of the law)]
     output_ports: [joint_position_command, joint_velocity_command (optional), displacement_command,
     (further outputs of the law)]
     ```
@@ -57,9 +69,10 @@ class ForceController(PythonDiagram):
         super().__init__()
         n_q, q_0 = model.num_joints, model.start
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
+        blocks = builder.GetSystems()
         if model.size < 1:
             raise BadInputError(_NO_SURFACE, key="station.environment")
-        _require(law, ("desired_force", "measured_force"), ("displacement_command",))
+        _require(law, FORCES, ("displacement_command",), model.size)
         rate = "displacement_velocity_command"
         block = None if guard is None else guard.of_law(model, rate in output_names(law))
         ports = guarded(builder, law, "displacement_command", rate, block)
@@ -77,7 +90,7 @@ class ForceController(PythonDiagram):
         else:
             position = export(add("motor_position", PassThrough(n_q)).get_input_port(), "motor_position")
         # Every input of the slot exists, whatever a law makes of it.
-        export(add("motor_velocity", PassThrough(n_q)).get_input_port(), "motor_velocity")
+        velocity = export(add("motor_velocity", PassThrough(n_q)).get_input_port(), "motor_velocity")
         if "motor_displacement" in input_names(law):
             self._displace(builder, "motor_displacement", law, model, lambda port: builder.ConnectInput(position, port))
         if model.size == 1:
@@ -106,12 +119,22 @@ class ForceController(PythonDiagram):
             slides = add("sliding", Sliding(n_q, model.size, period=model.period))
             builder.ConnectInput(unconstrained, slides.get_input_port())
             connect(slides.get_output_port(), law.GetInputPort("sliding"))
+        there = {"motor_position": position, "motor_velocity": velocity, "unconstrained_reference": unconstrained}
+        for name in input_names(law):
+            if name in there:
+                if (size := law.GetInputPort(name).size()) != n_q:
+                    raise BadInputError(f" reads {name} of size {size}: must be {n_q}")
+                builder.ConnectInput(there[name], law.GetInputPort(name))
+            elif name not in _OF_LAW:
+                export(law.GetInputPort(name), name)
+        self.optional_inputs = tuple(set(getattr(law, "optional_inputs", ())) - {*there, *_OF_LAW})
         builder.ExportOutput(inversions[-1].GetOutputPort("joint_position_command"), "joint_position_command")
         if model.constant_jacobian and rate in ports.outputs:
             speeds = add("joint_speeds", MatrixGain(_direction(model).reshape(-1, 1)))
             connect(ports.outputs[rate], speeds.get_input_port())
             builder.ExportOutput(speeds.get_output_port(), "joint_velocity_command")
         export_outputs(builder, ports.outputs)
+        check_names(builder, blocks)
         builder.BuildInto(self)
 
     @staticmethod
@@ -152,6 +175,7 @@ class GuardedController(PythonDiagram):
 
     def __init__(self, builder: DiagramBuilder, controller: System, model: PlantModel, guard: GuardConfig):
         super().__init__()
+        blocks = builder.GetSystems()
         self.optional_inputs = tuple(getattr(controller, "optional_inputs", ()))
         self.guard_inputs: tuple[str, ...] = ()
         loops = model.size if set(FORCES) <= set(input_names(controller)) else 0
@@ -167,6 +191,7 @@ class GuardedController(PythonDiagram):
                 builder.ExportInput(wrench, _WRENCH)
                 self.guard_inputs = (_WRENCH,)
         export_outputs(builder, ports.outputs)
+        check_names(builder, blocks)
         builder.BuildInto(self)
 
 
@@ -224,10 +249,14 @@ def build_controller(
     return ForceController(builder, made, model, guard)
 
 
-def _require(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> None:
+def _require(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...], size: int) -> None:
+    """BadInputError unless a law has these ports, of this size."""
     for kind, wanted, present in (("input", inputs, input_names(system)), ("output", outputs, output_names(system))):
         for name in wanted:
             if name not in present:
                 raise BadInputError(
                     f"controller {type(system).__name__} has no {kind} port {name!r}: has {', '.join(sorted(present))}"
                 )
+            port = system.GetInputPort(name) if kind == "input" else system.GetOutputPort(name)
+            if port.size() != size:
+                raise BadInputError(f" has the {kind} {name} of size {port.size()}: must be {size}, one per surface")

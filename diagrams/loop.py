@@ -11,7 +11,7 @@ when outputs of estimators and controller are feedthrough at the tick and held.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 
-from forcectl.conventions import SIGNALS, TRUTH, WRENCH_PARTS, unit_of
+from forcectl.conventions import SIGNAL_UNITS, SIGNALS, TRUTH, WRENCH_PARTS, unit_of
 from forcectl.diagrams.chain import check_stability
 from forcectl.diagrams.derived import SOURCES, Derived, joint_and_tool_signals
 from forcectl.diagrams.force_controller import build_controller
@@ -30,8 +30,7 @@ from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.guard.config import GuardConfig
-from forcectl.framework.wiring import Enclosed, add_part, input_names, made_by
-from forcectl.plant.plant_model import PlantModel
+from forcectl.framework.wiring import Enclosed, add_part, check_names, input_names, made_by, output_names
 from forcectl.plant.tip_kinematics import tip_displacements
 
 _NOT_LOGGED = ("wrench_covariance",)  # 36 numbers of each arm, of which wrench_deviation shows the diagonals
@@ -157,20 +156,25 @@ def build_loop(parts: LoopParts) -> Loop:
     signals = Signals(builder, TRUTH | readings.keys(), readings)
     with about(parts.controller):
         controller = build_controller(parts.controller, model, parts.guard)
-    sources = _add_sources(builder, parts, setting, input_names(controller))
+    sources, own = _add_sources(builder, parts, setting, input_names(controller))
     for name, system in sources.items():
         signals.add(name, system)
     builder.AddNamedSystem("controller", controller)
     with about(parts.station):
         station = builder.AddNamedSystem("station", build_station(workcell, parts.seed))
     signals.add("station", station)
+    signals.several = getattr(station, "sensed_by_several", {})
     signals.add("controller", controller, SIGNALS)
-    estimators = _add_estimators(builder, parts, model)
+    estimators = _add_estimators(builder, parts, setting)
     for name, system in estimators.items():
         signals.add(name, system)
     for name, choice in parts.signals.items():
+        before = len(builder.GetSystems())
         port = made_by(choice, "choose", f"signals.{name}", OutputPort, "an output port", name, builder, signals, model)
         signals.chosen[name] = port
+        own.append((choice, builder.GetSystems()[before:]))
+    for name, system in sources.items():
+        signals.connect(name, system, getattr(system, "optional_inputs", ()))
     for name, system in estimators.items():
         signals.connect(f"estimators.{name}", system, getattr(system, "optional_inputs", ()))
     for name in getattr(controller, "guard_inputs", ()):
@@ -179,6 +183,12 @@ def build_loop(parts: LoopParts) -> Loop:
             raise invalid("guard.maximum_force", getattr(parts.guard, "maximum_force", None), needed)
     signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))
     _command(builder, controller, station)
+    for part, systems in own:
+        with about(part):
+            check_names(builder, systems)
+    makers = {"station": station, **sources, "controller": controller}
+    makers |= {f"estimators.{name}": system for name, system in estimators.items()}
+    _check_apart(makers, parts.signals)
     ports = _logged(parts, sources, station, controller, estimators) | signals.chosen
     sink, logged = add_log(builder, ports, workcell.period, _labels(ports, workcell))
     with about(builder):
@@ -191,16 +201,24 @@ def build_loop(parts: LoopParts) -> Loop:
 
 def _add_sources(
     builder: DiagramBuilder, parts: LoopParts, setting: Setting, wanted: Sequence[str]
-) -> dict[str, System]:
-    """References, as far as the controller wants them."""
-    workcell, sources = setting.workcell, {}
+) -> tuple[dict[str, System], list[tuple[Any, list[System]]]]:
+    """References, as far as the controller wants them; and the blocks that each part added."""
+    workcell = setting.workcell
+    sources: dict[str, System] = {}
+    added: list[tuple[Any, list[System]]] = []
     if "desired_force" in wanted:
         check_range(parts)
         sources["reference"] = add_part(parts.reference, "reference", builder, setting.model.size)
+        added.append((parts.reference, builder.GetSystems()))
     if "unconstrained_reference" in wanted:
         contact = workcell.contacts[0]
+        before = len(builder.GetSystems())
         sources["motion"] = add_part(parts.motion, "motion", builder, contact.robot, workcell.start, contact.n)
-    return sources
+        added.append((parts.motion, builder.GetSystems()[before:]))
+    for name, system in sources.items():
+        with about(getattr(parts, name)):
+            workcell.check_sizes(system)
+    return sources, added
 
 
 def check_range(parts: LoopParts) -> None:
@@ -211,11 +229,41 @@ def check_range(parts: LoopParts) -> None:
         raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
 
 
-def _add_estimators(builder: DiagramBuilder, parts: LoopParts, model: PlantModel) -> dict[str, System]:
+def _check_apart(makers: Mapping[str, System], chosen: Collection[str]) -> None:
+    """Nothing but the station puts out the truth, and of two parts that put out the same the scenario chooses one.
+
+    Of two estimators that have several outputs in common, one choice will do.
+
+    Args:
+        makers: the parts of a loop by key, the station first.
+        chosen: names of signals.
+
+    Raises:
+        BadInputError: about the part that is not to.
+    """
+    known: dict[str, str] = {}
+    for key, system in makers.items():
+        for name in output_names(system):
+            if key == "controller" and name not in SIGNAL_UNITS:
+                continue  # of its inside, as an estimator may have it, too
+            other = known.setdefault(name, key)
+            if name in TRUTH and key != "station":
+                fault = f" puts out {name}, which only the simulation knows: must be another name"
+                raise BadInputError(fault, key=key)
+            alike = other.startswith("estimators.")
+            common = set(output_names(system)) & set(output_names(makers[other])) if alike else {name}
+            if other != key and not common & set(chosen):
+                fault = f" puts out {name}, as {other} does: must be another name, or have signals.{name} to choose"
+                raise BadInputError(fault, key=key)
+
+
+def _add_estimators(builder: DiagramBuilder, parts: LoopParts, setting: Setting) -> dict[str, System]:
     added: dict[str, System] = {}
     for name, config in parts.estimators.items():
         inner = DiagramBuilder()
-        system = add_part(config, f"estimators.{name}", inner, model)
+        system = add_part(config, f"estimators.{name}", inner, setting.model)
+        with about(config):
+            setting.workcell.check_sizes(system)
         added[name] = builder.AddNamedSystem(f"{name}_estimator", Enclosed(inner, system))
     return added
 
@@ -247,11 +295,13 @@ def _logged(
         ports["desired_force"] = sources["reference"].GetOutputPort("desired_force")
     everything = station.HasOutputPort("motor_torque")
     constant = parts.station.fidelity.constant_jacobian
+    several = getattr(station, "sensed_by_several", {})
+    looked_at = {*_FORCE_SIGNALS, *several.get("measured_force", {}).values()}
     for port in map(station.get_output_port, range(station.num_output_ports())):
         name = port.get_name()
         # See `Loop.derived`.
         skipped = name == "contact_displacement" and not constant
-        if everything or (name in _FORCE_SIGNALS and not skipped):
+        if everything or (name in looked_at and not skipped):
             ports[name] = port
     for system in (controller, *estimators.values()):
         for port in map(system.get_output_port, range(system.num_output_ports())):

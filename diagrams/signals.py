@@ -200,12 +200,14 @@ class Signals:
 
     Attributes:
         chosen: the ports that the scenario chose, by the name of the signal.
+        several: what several sensors of the station put out: by its name, what it is called there of each sensor.
     """
 
     def __init__(self, builder: DiagramBuilder, truth: frozenset[str], readings: Mapping[str, str]):
         self._builder, self._truth, self._readings = builder, truth, readings
         self._offers: dict[str, dict[str, OutputPort]] = {}
         self.chosen: dict[str, OutputPort] = {}
+        self.several: Mapping[str, Mapping[str, str]] = {}
 
     def offers(self, name: str) -> dict[str, OutputPort]:
         """The ports with a signal of this name by the part they are of, the truth apart."""
@@ -237,6 +239,12 @@ class Signals:
             return self.chosen[name]
         name = self._readings.get(name, name)
         offers = self.offers(name)
+        if list(offers) == ["station"] and name in self.several:
+            sensors, called = ", ".join(map(repr, self.several[name])), ", ".join(self.several[name].values())
+            choice = f"signals.{name} to choose, a `!From {{part: station, signal: ...}}` of {called}"
+            raise BadInputError(
+                f" wants {name}, which the sensors {sensors} put out: must have {choice}", key=wanted_by
+            )
         if len(offers) == 1:
             return next(iter(offers.values()))
         if offers:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, DiagramBuilder, System
+from pydrake.systems.framework import Context, DiagramBuilder, PortDataType, System
 
+from forcectl.conventions import SIGNALS
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
@@ -201,6 +203,26 @@ class Workcell:
             return self.start + np.zeros(self.num_joints)
         return self.start + self.gravity_torque / self.spring_stiffness
 
+    def signal_size(self, name: str) -> int | None:
+        """Size of the signal of this name, see `SIGNALS`; None of another one."""
+        if name not in SIGNALS:
+            return None
+        held = sum(bool(part.hand) for part in self.parts.values())
+        counts = {"n": self.num_joints, "a": len(self.robot.parts.arms), "k": len(self.contacts)}
+        counts |= {"m": len(self.parts), "h": held, "": 1}
+        shape = SIGNALS[name].shape
+        of = shape.lstrip("0123456789")
+        return int(shape.removesuffix(of) or 1) * counts[of]
+
+    def check_sizes(self, system: System) -> None:
+        """BadInputError where an output of a part has another size than the signal of its name."""
+        for port in map(system.get_output_port, range(system.num_output_ports())):
+            name = port.get_name()
+            size, vector = self.signal_size(name), port.get_data_type() == PortDataType.kVectorValued
+            one_of_several = name == "measured_force" and port.size() == 1
+            if size is not None and vector and port.size() != size and not one_of_several:
+                raise BadInputError(f" puts out {name} of size {port.size()}: must be {size} ({SIGNALS[name].shape})")
+
     def with_environment(self, config: StationConfig) -> Workcell:
         """The workcell of a station that differs in its environments only."""
         parts = config.environment_parts()
@@ -232,6 +254,10 @@ def describe(config: StationConfig) -> Workcell:
     for i, fault in enumerate(config.faults):
         if hasattr(fault, "fault"):
             made = made_by(fault, "fault", f"faults.{i}", ReadingFault, "a ReadingFault", robot.parameters.arm_joints)
+            try:
+                made.check(robot.num_joints)
+            except BadInputError as error:
+                raise error.at(f"faults.{i}.{error.field}") from None
             check_acts(f"faults.{i}.duration", made.start, made.end - made.start, period)
     environment = config.environment_parts()
     parts = {name: part for name, part in environment.items() if hasattr(part, "placement")}
@@ -332,6 +358,9 @@ def _contact(config: StationConfig, robot: RobotModel, start: Vector, name: str,
     acts = callable(getattr(part, "add_to", None)) or hasattr(part, "touching_points")
     if not acts or not hasattr(part, "first_stiffness"):
         raise invalid("environment", part, "a part that fills the slot environment, with add_to and first_stiffness")
+    stiffness = part.first_stiffness
+    if isinstance(stiffness, bool) or not isinstance(stiffness, Real) or not float(stiffness) > 0:
+        raise invalid("first_stiffness", stiffness, "a positive number")
     arm = getattr(part, "arm", "") or next(iter(robot.parts.arms))
     own = robot.for_arm(arm)
     n = unit_normal(getattr(part, "normal", None) or config.normal)
@@ -346,4 +375,4 @@ def _contact(config: StationConfig, robot: RobotModel, start: Vector, name: str,
         matrix = robot_compliance(own, context, own.joint_stiffness)
         compliance = compliance_along(n, matrix)
     compliance += float(np.sum(row**2 / holding_stiffness(config.drive, own)))
-    return Contact(name, part, arm, n, own, start, direction, row, compliance, 1 / part.first_stiffness)
+    return Contact(name, part, arm, n, own, start, direction, row, compliance, 1 / float(stiffness))

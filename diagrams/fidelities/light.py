@@ -117,7 +117,7 @@ class LightStation(PythonDiagram):
     def __init__(self, workcell: Workcell, seed: int):
         super().__init__()
         contact, builder, site = workcell.contact, DiagramBuilder(), Site(workcell, seed)
-        assembly = Assembly(builder)
+        assembly = Assembly(builder, workcell)
         assembly.add(add_part(workcell.config.drive, "drive", builder, site), workcell.config.drive)
         for name in ("motor_position", "motor_velocity"):
             if name not in assembly.signals:

@@ -143,7 +143,7 @@ class MultibodyStation(PythonDiagram):
     def __init__(self, workcell: Workcell, seed: int):
         super().__init__()
         builder = DiagramBuilder()
-        assembly = Assembly(builder)
+        assembly = Assembly(builder, workcell)
         site = add_world(builder, workcell, seed)
         plant, parts = site.plant, site.parts
         self.plant, self.scene_graph = plant, site.scene_graph

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, PortDataType, System
@@ -9,8 +10,9 @@ from pydrake.systems.primitives import Selector, SelectorParams
 
 from forcectl.conventions import TRUTH, unit_of
 from forcectl.diagrams.mechanics.site import STATION_SIGNALS
+from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, about
-from forcectl.framework.wiring import input_names, output_names
+from forcectl.framework.wiring import check_names, input_names, output_names
 
 # What comes from outside of a station.
 STATION_INPUTS = (
@@ -65,16 +67,18 @@ class Assembly:
 
     Args:
         builder: of the station.
+        workcell: the workcell.
 
     Attributes:
         signals: the ports that the parts added so far put out, by name.
     """
 
-    def __init__(self, builder: DiagramBuilder):
-        self.builder = builder
+    def __init__(self, builder: DiagramBuilder, workcell: Workcell):
+        self.builder, self._workcell = builder, workcell
         self.signals: dict[str, OutputPort] = {}
         self._open: list[tuple[str, InputPort, Any]] = []
-        self._sensed: set[str] = set()  # names of what sensors put out
+        self._parts: list[tuple[Any, System]] = []
+        self._sensed: dict[str, dict[str, str]] = {}  # by what sensors put out: its name in the station by the sensor's
         self._units: dict[str, str] = {}  # of what a further sensor puts out, by the name with the sensor's in front
 
     def offer(self, name: str, port: OutputPort) -> None:
@@ -95,7 +99,7 @@ class Assembly:
             system: already in the builder.
             part: configuration that it is of, for messages.
         """
-        self._take(system, part, set(), "")
+        self._take(system, part, (), "")
 
     def add_sensor(self, system: System, name: str, part: Any) -> None:
         """Take a sensor in. What another sensor puts out already has the name of this one in front.
@@ -109,9 +113,14 @@ class Assembly:
         if sum(each.get_name() == block for each in self.builder.GetSystems()) > 1:
             system.set_name(f"{name}_{block}")
         self._take(system, part, self._sensed, f"{name}_")
-        self._sensed |= set(output_names(system))
+        for output in output_names(system):
+            known = self._sensed.setdefault(output, {})
+            known[name] = f"{name}_{output}" if known else output
 
-    def _take(self, system: System, part: Any, known: set[str], prefix: str) -> None:
+    def _take(self, system: System, part: Any, known: Collection[str], prefix: str) -> None:
+        self.know(system, part)
+        with about(part):
+            self._workcell.check_sizes(system)
         for name in input_names(system):
             self.want(name, system.GetInputPort(name), part)
         for name in output_names(system):
@@ -120,6 +129,10 @@ class Assembly:
             elif name not in TRUTH or name == "body_contact_wrench":  # of a surface the truth is the same
                 self.offer(prefix + name, system.GetOutputPort(name))
                 self._units[prefix + name] = unit_of(name, getattr(system, "port_units", {}))
+
+    def know(self, system: System, part: Any) -> None:
+        """Remember which part's configuration a block is of."""
+        self._parts.append((part, system))
 
     def want(self, name: str, port: InputPort, part: Any = None) -> None:
         """Connect an input to the signal of that name when everything is there; it is of this part's configuration."""
@@ -149,6 +162,11 @@ class Assembly:
         for name, port in self.signals.items():
             if name not in _INTERNAL and port.get_data_type() == PortDataType.kVectorValued:
                 self.builder.ExportOutput(port, name)
+        for part, system in reversed(self._parts):  # the one that was added to what was there
+            with about(part):
+                check_names(self.builder, [system])
         with about(self.builder):
             self.builder.BuildInto(station)
         station.port_units = self._units
+        several = {name: names for name, names in self._sensed.items() if len(names) > 1 and name not in TRUTH}
+        station.sensed_by_several = several

@@ -120,6 +120,7 @@ def feed_contact(
     given = {**surface, **given}
     if "surface_height" in surface:
         given["displacement"] = add_depth(assembly.builder, given["displacement"], surface["surface_height"])
+    assembly.know(block, contact.environment)
     with about(contact.environment):
         if "displacement" not in input_names(block):
             raise BadInputError(" has no input displacement: must have it, of size 1")

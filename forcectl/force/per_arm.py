@@ -12,7 +12,7 @@ from forcectl.errors import about, invalid
 from forcectl.force.law import require_force_law
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, slot
-from forcectl.framework.wiring import Enclosed, stacked
+from forcectl.framework.wiring import Enclosed, input_names, stacked
 from forcectl.plant.plant_model import PlantModel
 
 _INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displacement", "sliding")
@@ -45,7 +45,7 @@ class PerArm(PythonDiagram):
     ```
     name: PerArm
     input_ports: [desired_force, measured_force, motor_displacement (optional), path_displacement (optional),
-    sliding (optional)]
+    sliding (optional), (further inputs of the laws)]
     output_ports: [displacement_command]
     ```
 
@@ -82,6 +82,11 @@ class PerArm(PythonDiagram):
                 builder.ExportInput(each.get_input_port(), name)
                 for i, law in users:
                     builder.Connect(each.get_output_port(i), law.GetInputPort(name))
+        for name in dict.fromkeys(name for law in added for name in input_names(law) if name not in _INPUTS):
+            ports = [law.GetInputPort(name) for law in added if law.HasInputPort(name)]
+            whole = builder.ExportInput(ports[0], name)
+            for port in ports[1:]:
+                builder.ConnectInput(whole, port)
         commands = [law.GetOutputPort("displacement_command") for law in added]
         builder.ExportOutput(stacked(builder, "displacement_commands", commands), "displacement_command")
         builder.BuildInto(self)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,14 @@ def add_part(part: Any, key: str, builder: DiagramBuilder, *arguments: Any, **na
     """The system that the `add_to` of a part adds, see `made_by`."""
     system: System = made_by(part, "add_to", key, System, "a Drake system", builder, *arguments, **named)
     return system
+
+
+def check_names(builder: DiagramBuilder, systems: Iterable[System]) -> None:
+    """BadInputError where a block of these has the name of another one of the diagram in the making."""
+    names = Counter(each.get_name() for each in builder.GetSystems())
+    for name in (each.get_name() for each in systems):
+        if names[name] > 1:
+            raise BadInputError(f" adds a block named {name!r}: must be a name that no other block there has")
 
 
 def affine(gain: Matrix, offset: Matrix) -> AffineSystem:

@@ -72,7 +72,8 @@ duration: 0.3
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
 def test_a_second_sensor_of_a_kind_has_its_name_in_front(fidelity):
     overrides = {"signals.measured_force": parse("!From {part: station, signal: slow_measured_force}", "test")}
-    first = fc.run(scenario(TWO_SENSORS), fidelity=fidelity)
+    chosen = {"signals.measured_force": parse("!From {part: station}", "test")}
+    first = fc.run(scenario(TWO_SENSORS), fidelity=fidelity, overrides=chosen)
     station = first.diagram.GetSubsystemByName("station")
     assert {each.get_name() for each in station.GetSystems()} >= {"force_sensor", "slow_force_sensor"}
     assert station.HasOutputPort("slow_measured_wrench")

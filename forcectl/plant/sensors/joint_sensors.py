@@ -13,6 +13,7 @@ that is lost and repeats the last one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -44,6 +45,15 @@ class ReadingFault:
     start: float
     end: float
     joint: int | None = None
+
+    def check(self, joints: int) -> None:
+        """BadInputError unless it is a fault of a robot with so many joints."""
+        if self.kind not in FAULTS:
+            raise unknown("kind", self.kind, FAULTS)
+        if not math.isfinite(self.start):
+            raise invalid("start", self.start, "a finite number")
+        if self.joint is not None and self.joint not in range(joints):
+            raise invalid("joint", self.joint, f"from 0 to {joints - 1}")
 
     def acts(self, time: float) -> bool:
         """Whether it does at the tick of this time [s]."""
@@ -150,10 +160,7 @@ class JointSensors(SampledBatch):
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
             raise invalid("seed", seed, "a whole number, not negative")
         for fault in faults:
-            if fault.kind not in FAULTS:
-                raise unknown("kind", fault.kind, FAULTS)
-            if fault.joint is not None and not 0 <= fault.joint < n:
-                raise invalid("joint", fault.joint, f"from 0 to {n - 1}")
+            fault.check(n)
         self._faults = tuple(faults)
         self._sources = tuple((seed, channel) for channel in range(2 * n))
         self.sample_delay = {("motor_position", "joint_position"): 0.0}
