@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, OutputPort
 
-from forcectl.errors import about, invalid, unknown
+from forcectl.errors import RunFailedError, about, invalid, show, unknown
 from forcectl.framework.batch import check
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key
@@ -92,7 +92,12 @@ class Loads(PythonBlock):
     """
 
     def __init__(
-        self, loads: Sequence[tuple[int, LoadConfig]], count: int, *, period: float, name: str = "external_wrench"
+        self,
+        loads: Sequence[tuple[int, LoadConfig | _Answered]],
+        count: int,
+        *,
+        period: float,
+        name: str = "external_wrench",
     ):
         super().__init__()
         self.port_units = {name: "Nm,N"}
@@ -108,6 +113,30 @@ class Loads(PythonBlock):
         for place, load in self._loads:
             total[place] += load.wrench(context.get_time() + _ROUNDING)
         next_state.set_value(total.ravel())
+
+
+@dataclass(frozen=True)
+class _Answered:
+    """A load whose answers are looked at.
+
+    Attributes:
+        load: of a station.
+        key: of it, for messages.
+    """
+
+    load: LoadConfig
+    key: str
+
+    def wrench(self, time: float) -> Array:
+        """What the load answers, shape (6,) [Nm, N]; RunFailedError where that is no wrench."""
+        told = self.load.wrench(time)
+        try:
+            wrench = np.asarray(told, dtype=float)
+        except (TypeError, ValueError):
+            wrench = np.empty(0)
+        if wrench.shape != (6,) or not np.isfinite(wrench).all():
+            raise RunFailedError(f"{self.key}: wrench(time) must return six finite numbers, not {show(told)}")
+        return wrench
 
 
 def loaded_frames(loads: Sequence[LoadConfig], robot: RobotModel) -> dict[str, Frame]:
@@ -145,8 +174,9 @@ def add_loads(
         if load.arm and load.arm not in arms:
             with about(load):
                 raise unknown("arm", load.arm, arms)
-    at_tips = [(arms.index(load.arm or arms[0]), load) for load in loads if not load.body]
-    on_bodies = [(bodies.index(load.body), load) for load in loads if load.body]
+    answered = [(load, _Answered(load, f"station.loads.{i}")) for i, load in enumerate(loads)]
+    at_tips = [(arms.index(load.arm or arms[0]), each) for load, each in answered if not load.body]
+    on_bodies = [(bodies.index(load.body), each) for load, each in answered if load.body]
     found = {}
     if at_tips:
         block = builder.AddNamedSystem("loads", Loads(at_tips, len(arms), period=period))

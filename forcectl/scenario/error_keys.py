@@ -28,7 +28,7 @@ def full_key(scenario: Any, error: BaseException, field: str = "") -> str:
     first = field.partition(".")[0]  # "targets.0.value" is within the field `targets`
     if not first:
         return at_work[0] if at_work else ""
-    homes = [key for key in at_work if first in _names(nodes[key])]
+    homes = [key for key in at_work if first in _names(nodes[key]) or _own(nodes[key], first)]
     if homes or first in _names(scenario):
         return join(homes[0] if homes else "", field)
     homes = [key for key, node in nodes.items() if first in _names(node)]
@@ -48,6 +48,11 @@ def _names(node: Any) -> list[str]:
     """Fields of a configuration; an object of the user's may have none."""
     whole = dataclasses.is_dataclass(node) and not isinstance(node, type)
     return [f.name for f in dataclasses.fields(node)] if whole else []
+
+
+def _own(node: Any, name: str) -> bool:
+    """Whether an object of the user's, which has no fields, has this attribute."""
+    return not dataclasses.is_dataclass(node) and name in dir(node)  # which asks no property
 
 
 def _within(part: Any, key: str) -> Iterator[tuple[str, Any]]:

@@ -105,8 +105,9 @@ class Layers:
             return drive.tag or ""
         if isinstance(drive, str):
             return drive.removeprefix("!")
-        path = path_of(type(getattr(drive, "given", drive)))
-        return next((tag for tag, known in catalog.tags_of("drive").items() if known == path), "")
+        tags = {path: tag for tag, path in catalog.tags_of("drive").items()}
+        bases = map(path_of, type(getattr(drive, "given", drive)).__mro__)  # a subclass is a drive of its kind
+        return next((tags[path] for path in bases if path in tags), "")
 
     def merged(self) -> Tagged:
         """All of them, the stronger on top."""

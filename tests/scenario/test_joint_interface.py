@@ -12,7 +12,9 @@ import pytest
 import forcectl as fc
 from forcectl import cli
 from forcectl.analysis.tables.motion_tables import LOOP_METRICS
+from forcectl.diagrams.drives.joint_interface import JointInterfaceConfig
 from forcectl.doctor.examine import examine
+from forcectl.framework.yaml_tree import parse
 from forcectl.scenario import catalog
 from forcectl.scenario.scenario import Scenario
 
@@ -172,6 +174,22 @@ def test_a_users_own_controller_fills_the_slot(short, monkeypatch):
         log["joint_position_command"].values[0] - log["link_position"].values[0], np.full(7, 0.01), atol=1e-9
     )
     sys.modules.pop("mine")
+
+
+class MyInterface(JointInterfaceConfig):
+    """A drive of the user's."""
+
+
+def test_a_subclass_of_a_drive_has_the_preset_of_its_kind():
+    head, _, tail = SHORT.partition("  drive: !JointInterface {}\n")
+    tree = parse(head + tail, "short") | {"preset": "ideal"}
+    given, expected = (
+        fc.load_scenario(tree, "rigid", {"station.drive": drive}) for drive in (MyInterface(), JointInterfaceConfig())
+    )
+    assert type(given.station.drive) is MyInterface
+    assert given.station.period is expected.station.period is None  # as behind every joint interface
+    assert given.station.sensors == expected.station.sensors
+    fc.build(given)
 
 
 JOINT_INTERFACE = [name for name in catalog.list_experiments() if "reference" not in catalog.find_scenario(name).tree]

@@ -9,7 +9,9 @@ import pytest
 import forcectl as fc
 from forcectl.errors import ForcectlError
 from forcectl.framework.yaml_tree import Tagged, parse
+from forcectl.plant.sensors.joint_sensors import ReadingFault
 from forcectl.scenario.catalog import CONTRACTS, SLOTS
+from forcectl.tasks.coordinates import ArmTask
 
 REACH = """
 preset: ideal
@@ -117,6 +119,76 @@ RETURNED = {
 @pytest.mark.parametrize("slot", PLACES)
 def test_what_methods_return_is_looked_at(slot: str) -> None:
     assert RETURNED[slot] in refusal(slot, Nothing())
+
+
+class Fault:
+    """Says that the readings fail so."""
+
+    def __init__(self, *values: Any):
+        self.values = values
+
+    def fault(self, joints: Any) -> ReadingFault:
+        return ReadingFault(*self.values)
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        (("melted", 0.0, 1.0, 0), "station.faults.0.kind: unknown kind 'melted'"),
+        (("nan", float("nan"), 1.0, 0), "station.faults.0.start = nan: must be a finite number"),
+        (("frozen", 0.0, 1.0, 99), "station.faults.0.joint = 99: must be from 0 to 13"),
+        (("frozen", 0.0, 1.0, "left_joint_1"), "station.faults.0.joint = 'left_joint_1': must be from 0 to 13"),
+    ],
+)
+def test_what_a_fault_cannot_be_is_told_of_the_fault(values: Any, told: str) -> None:
+    assert told in refusal("fault", Fault(*values))
+
+
+class Height:
+    """A task, without targets."""
+
+    def task(self, start: Any) -> ArmTask:
+        return ArmTask("left", ["z"])
+
+
+@pytest.mark.parametrize("targets", [None, [(0.0, [0.1])], 3.0])
+def test_targets_that_are_none_are_told_of_the_task(targets: Any) -> None:
+    part = Height()
+    if targets is not None:
+        part.targets = targets  # type: ignore[attr-defined]
+    assert f"controller.tasks.a.targets = {targets!r}: must be a list of TaskTargetConfig" in refusal("task", part)
+
+
+class Load:
+    """Acts with what it is given."""
+
+    def __init__(self, wrench: Any, arm: str = ""):
+        self.wrench = lambda time: wrench
+        self.arm, self.body = arm, ""
+
+
+@pytest.mark.parametrize("robot", ["comau_smart_six", "yumi"])
+@pytest.mark.parametrize("wrench", [[float("nan")] * 6, [0.0] * 3, [[0.0]] * 6, "up", None])
+def test_a_load_that_is_no_wrench_is_told_of_the_load(wrench: Any, robot: str) -> None:
+    base, overrides = scenario("load", Load(wrench))
+    if robot == "yumi":
+        base = parse(REACH, "test")
+    with pytest.raises(ForcectlError) as caught:
+        fc.run(base, overrides=overrides)
+    assert "station.loads.0: wrench(time) must return six finite numbers, not" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_arm_that_is_not_there_is_told_of_the_load() -> None:
+    assert "station.loads.0.arm: unknown arm 'left': known: arm" in refusal("load", Load([0.0] * 6, arm="left"))
+
+
+@pytest.mark.parametrize("stiffness", [None, "stiff", 0.0, -1.0, True, float("nan"), [1e4]])
+def test_a_stiffness_that_is_none_is_told_of_the_environment(stiffness: Any) -> None:
+    part = Nothing()
+    part.first_stiffness = stiffness
+    told = refusal("environment", part)
+    assert f"station.environment.first_stiffness = {stiffness!r}: must be a positive number" in told
 
 
 @pytest.mark.parametrize(

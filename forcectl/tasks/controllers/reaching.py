@@ -102,14 +102,17 @@ class ReactiveReachingConfig(TaskControllerConfig):
         targets = _targets(tasks, controller.task_start)
         return builder.AddNamedSystem("reactive_reaching", ReactiveReaching(controller, targets, self.motion_limits))
 
+    def _targets_of(self, name: str) -> Sequence[TaskTargetConfig]:
+        """Those of a task, which may be of a class of the user's."""
+        targets = getattr(self.tasks[name], "targets", None)
+        if not isinstance(targets, list | tuple) or not all(hasattr(one, "value") for one in targets):
+            raise invalid(f"tasks.{name}.targets", targets, "a list of TaskTargetConfig")
+        return targets
+
     def _tasks(self, start: ArmsMotion) -> list[NamedTask]:
         if self.tasks:
             return [
-                (
-                    name,
-                    task,
-                    [(f"tasks.{name}.targets.{i}.value", one) for i, one in enumerate(self.tasks[name].targets)],
-                )
+                (name, task, [(f"tasks.{name}.targets.{i}.value", one) for i, one in enumerate(self._targets_of(name))])
                 for name, task in self.made_tasks(start).items()
             ]
         for i, target in enumerate(self.targets):
