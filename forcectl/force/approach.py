@@ -117,6 +117,10 @@ class GuardedMove(SampledBatch):
         inputs = [self.DeclareVectorInputPort(name, size) for name in ("desired_force", "measured_force")]
         self.sample_delay = {("measured_force", "felt_force"): 0.0}
         shown = ("approach_displacement", "approach_mode", "regulated_force", "felt_force")
+        # In contact the law is what answers to a force.
+        self.passed_elements = {
+            (given, name): range(0) for given in ("desired_force", "measured_force") for name in shown
+        } | {("desired_force", "regulated_force"): range(size), ("measured_force", "felt_force"): range(size)}
         # Times without contact and at rest or without force [s], stage of TOUCH, share p of the speed, and what is left
         # to leave [m].
         own = ("searching", "waiting", "stage", "pace", "to_leave")

@@ -11,6 +11,7 @@ from pydrake.systems.framework import DiagramBuilder, EventStatus
 from pydrake.systems.primitives import DiscreteTimeDelay
 
 from forcectl.doctor import examine, measure_delay
+from forcectl.force.approach import ApproachConfig, ApproachMode
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.inspect.ports import find_outputs
@@ -176,3 +177,16 @@ def test_the_guard_does_not_hide_the_delay_of_a_law(samples, guard):
     assert around.total == pytest.approx((samples + 1) * loop.period)
     assert measure_delay(loop.diagram, around.source, around.target, tick=loop.period) == pytest.approx(around.total)
     assert [row.block for row in around.rows if row.delay] == ["controller/late_integral/late"]
+
+
+def test_a_guarded_move_does_not_hide_the_delay_of_the_law_behind_it():
+    loop = Scenario(controller=ApproachConfig(law=LateIntegral(10), patience=0.02, rise_time=0.0), guard=None).build()
+    around = examine(loop.diagram).delays[-1]
+    assert around.total == pytest.approx(11 * loop.period)
+    simulator = Simulator(loop.diagram)
+    simulator.AdvanceTo(1.0)
+    mode = loop.diagram.GetSubsystemByName("controller").GetOutputPort("approach_mode")
+    context = simulator.get_context()
+    assert mode.Eval(mode.get_system().GetMyContextFromRoot(context)) == ApproachMode.CONTACT
+    measured = measure_delay(loop.diagram, around.source, around.target, tick=loop.period, context=context)
+    assert measured == pytest.approx(around.total)
