@@ -9,6 +9,8 @@ own. It is a dataclass with two methods::
 and may have two more: `findings(log, setting) -> [RunFinding]`, added to those of every run, see
 `forcectl.analysis.findings`, and `files(log, setting) -> {file name: text}`, for what is to stand in the run directory.
 
+Nobody's log can be written to, names are plain file names, and one that is there already is refused: an analysis adds.
+
 A third, `check(signals, setting)`, raises BadInputError about a key that does not fit the loop, such as a name that
 nothing has; `signals` are those of the log, by name. What it cannot do without stands in its class,
 `needs = {signal: what makes it}`. A scenario whose loop has no such signal, or that `check` refuses, is refused when it
@@ -17,15 +19,18 @@ is built, and not after it was simulated.
 
 from __future__ import annotations
 
+import math
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from forcectl.analysis.force_metrics import metrics_of
 from forcectl.analysis.motion_metrics import joint_metrics
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError, about, invalid, unknown
+from forcectl.errors import BadInputError, RunFailedError, about, invalid, show, unknown
+from forcectl.framework.reader import PART_NAME, is_part_name
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Mapping, Sequence
+    from collections.abc import Container, Iterable, Mapping, Sequence
 
     from matplotlib.figure import Figure
 
@@ -98,6 +103,81 @@ def check_modes(names: Mapping[str, str], signals: Mapping[str, LoggedSignal]) -
             raise invalid(key, name, "left out: no state machine has modes")
         if name not in modes:
             raise unknown("mode", name, modes).at(key)
+
+
+def read_only(log: Any) -> Any:
+    """The log as analyses see it, of the same samples: what one writes into it raises or is seen by nobody else."""
+    seen = log.copy(deep=False)
+    for name, variable in seen.variables.items():
+        if name in seen.indexes:
+            variable.values.flags.writeable = False  # of an index that pandas keeps as it is
+        else:
+            variable.data = variable.data.view()
+            variable.data.flags.writeable = False
+    return seen
+
+
+def check_metrics(found: Mapping[Any, Any], there: Iterable[str], analysis: str) -> dict[str, float | None]:
+    """What an analysis puts out as metrics; numbers that are not finite are None.
+
+    Args:
+        found: by name.
+        there: names of the metrics that there are already.
+        analysis: its name.
+
+    Raises:
+        RunFailedError: a name that is none, or is taken; a value that is no number.
+    """
+    _check_names(found, (*there, "findings"), "metric", analysis)  # metrics.json has both
+    for name, value in found.items():
+        if not isinstance(value, Real | None):
+            raise RunFailedError(f"analyses.{analysis}: metric {name} = {show(value)}: must be a number or None")
+    finite = {name: value is not None and math.isfinite(value) for name, value in found.items()}
+    return {name: float(value) if finite[name] else None for name, value in found.items()}
+
+
+def check_figures(found: Mapping[Any, Any], there: Iterable[str], analysis: str) -> Mapping[str, Figure]:
+    """What an analysis puts out as figures, see `check_metrics`."""
+    from matplotlib.figure import Figure
+
+    _check_names(found, there, "figure", analysis)
+    for name, figure in found.items():
+        if not isinstance(figure, Figure):
+            kind = type(figure).__name__
+            raise RunFailedError(
+                f"analyses.{analysis}: figure {show(name)}: must be a Figure of Matplotlib, not {kind}"
+            )
+    return found
+
+
+def check_files(found: Mapping[Any, Any], there: Iterable[str], analysis: str) -> Mapping[str, str]:
+    """What an analysis puts out as files of its own, see `check_metrics`."""
+    _check_names(found, there, "file", analysis)
+    for name, text in found.items():
+        if not isinstance(text, str):
+            raise RunFailedError(f"analyses.{analysis}: file {show(name)}: must be text, not {type(text).__name__}")
+    return found
+
+
+def _check_names(names: Iterable[Any], there: Iterable[str], what: str, analysis: str) -> None:
+    """Refuse names that are none for a file or a column, or that are taken; some systems do not know capitals."""
+    taken = {name.lower() for name in there}
+    for name in names:
+        if not isinstance(name, str):
+            kind = type(name).__name__
+            raise RunFailedError(f"analyses.{analysis}: {what} {show(name)}: its name must be text, not {kind}")
+        if what == "metric":  # with names of parts, each as long as one may be
+            allowed = "" if name.strip() and name.isprintable() else "printable characters"
+        else:
+            allowed = "" if is_part_name(name) and name[0] != "." else f"{PART_NAME}, not beginning with a dot"
+        if allowed:
+            raise RunFailedError(f"analyses.{analysis}: {what} {show(name)}: its name must be {allowed}")
+        if name.lower() in taken:
+            raise RunFailedError(
+                f"analyses.{analysis} returns {what} {show(name)}, which the run or another analysis puts out already: "
+                "must have a name of its own"
+            )
+        taken.add(name.lower())
 
 
 def run_metrics(

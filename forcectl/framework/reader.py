@@ -21,6 +21,7 @@ from forcectl.framework.fields import REQUIRED, Key, default_of, key_of, members
 from forcectl.framework.yaml_tree import Tagged, Tree, is_object
 
 _LONGEST_NAME = 100  # characters of the name of a part
+PART_NAME = f"1 to {_LONGEST_NAME} printable characters without '/'"
 _PRIMITIVES: dict[Any, str] = {
     float: "a number",
     int: "a whole number",
@@ -191,10 +192,14 @@ def part_name(name: str, key: str) -> str:
     Raises:
         BadInputError: it is empty, too long, or has characters that these may not have.
     """
-    if not name.strip() or len(name) > _LONGEST_NAME or not name.isprintable() or "/" in name:
-        allowed = f"1 to {_LONGEST_NAME} printable characters without '/'"
-        raise BadInputError(f"the name {show(name)} must be {allowed}", key=key, value=name, allowed=allowed)
+    if not is_part_name(name):
+        raise BadInputError(f"the name {show(name)} must be {PART_NAME}", key=key, value=name, allowed=PART_NAME)
     return name
+
+
+def is_part_name(name: str) -> bool:
+    """Whether a name can be that of a block, a file or a column, see `PART_NAME`."""
+    return bool(name.strip()) and len(name) <= _LONGEST_NAME and name.isprintable() and "/" not in name
 
 
 def _choice(kind: Any, arguments: tuple[Any, ...], tree: Tree, key: str) -> Any:

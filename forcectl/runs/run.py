@@ -13,6 +13,7 @@ from pydrake.systems.framework import Diagram
 
 from forcectl.analysis.findings.finding import RunFinding
 from forcectl.analysis.force_metrics import find_steps, force_distance
+from forcectl.analysis.slot import check_files
 from forcectl.errors import BadInputError, one_line
 from forcectl.figures.file_names import file_names
 from forcectl.framework.reader import join
@@ -349,11 +350,6 @@ def verdicts_on(
 def _write_files(folder: Path, mark: str, outcome: VariantOutcome, scenario: Scenario, replay: bool) -> None:
     """What analyses have to say of a variant in files of their own, and its replay; `mark` ends the files' names."""
     setting = scenario.setting()
-    for name, analysis in scenario.analyses.items():
-        if hasattr(analysis, "files") and outcome.failure is None:
-            for file_name, text in scenario.asked(name, "files", outcome.log, setting).items():
-                path = Path(file_name)
-                (folder / f"{path.stem}{mark}{path.suffix}").write_text(text, encoding="utf-8")
     if replay and outcome.log.sizes["time"]:
         from forcectl.runs.replay.write import write_replay
         from forcectl.tasks.controllers.base import TaskControllerConfig
@@ -369,6 +365,13 @@ def _write_files(folder: Path, mark: str, outcome: VariantOutcome, scenario: Sce
             title=f"{scenario.title}{f': {outcome.variant}' if mark else ''}",
             tasks=tasks,
         )
+    for name, analysis in scenario.analyses.items():
+        if hasattr(analysis, "files") and outcome.failure is None:
+            files = scenario.asked(name, "files", outcome.log, setting)
+            ours = [f"{path.stem.removesuffix(mark)}{path.suffix}" for path in folder.iterdir()]
+            for file_name, text in check_files(files, ours, name).items():
+                path = Path(file_name)
+                (folder / f"{path.stem}{mark}{path.suffix}").write_text(text, encoding="utf-8")
 
 
 def _write_pictures(

@@ -10,7 +10,6 @@ import html
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,12 +17,12 @@ import xarray as xr
 
 from forcectl.analysis.findings.config import FindingsConfig
 from forcectl.analysis.findings.finding import RunFinding
-from forcectl.analysis.slot import run_figures, run_metrics
+from forcectl.analysis.slot import check_figures, check_metrics, read_only, run_figures, run_metrics
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.model import ModelConfig, Setting
 from forcectl.diagrams.station import StationConfig
 from forcectl.doctor.loops import loop_behind
-from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, parts_of, show, unknown
+from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, parts_of, unknown
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, slot
@@ -137,11 +136,7 @@ class Scenario(Config):
         """All metrics of a run."""
         own = run_metrics(log, setting, window=self.model_error_window, motion=self.motion.interval())
         for name in self.analyses:
-            own |= (found := self.asked(name, "metrics", log, setting))
-            for metric, value in found.items():
-                if not isinstance(value, Real | None):
-                    raise RunFailedError(f"analyses.{name}: metric {metric} = {show(value)}: must be a number or None")
-                own[metric] = None if value is None or not math.isfinite(value) else float(value)
+            own |= check_metrics(self.asked(name, "metrics", log, setting), own, name)
         return own
 
     def found(self, log: xr.Dataset, setting: Setting) -> list[RunFinding]:
@@ -169,13 +164,13 @@ class Scenario(Config):
         figures = run_figures(log, title, findings or {}, allowed, self.motion.interval())
         setting = self.setting() if self.analyses else None
         for name in self.analyses:
-            figures |= self.asked(name, "figures", log, setting, title)
+            figures |= check_figures(self.asked(name, "figures", log, setting, title), figures, name)
         return figures
 
-    def asked(self, name: str, method: str, *arguments: Any, kind: Any = Mapping) -> Any:
+    def asked(self, name: str, method: str, log: xr.Dataset, *arguments: Any, kind: Any = Mapping) -> Any:
         """What a method of an analysis answers; RunFailedError if one of the user's raises or gives another kind."""
         try:
-            found = getattr(self.analyses[name], method)(*arguments)
+            found = getattr(self.analyses[name], method)(read_only(log), *arguments)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # whatever the user's analysis does
