@@ -107,7 +107,9 @@ KINDS: dict[str, Kind] = {
     "target_stalled": Kind(Severity.ERROR, "the last targets were not reached, and came no nearer for a second"),
     "machine_failed": Kind(Severity.ERROR, "the state machine ended in a failure"),
     "machine_not_ended": Kind(Severity.WARNING, "the run ended before its state machine"),
-    "solver_fallback": Kind(Severity.ERROR, "a controller had no solution of its program, and braked or held"),
+    "solver_fallback": Kind(
+        Severity.ERROR, "a controller had no solution of its program, or no good readings, and braked or held"
+    ),
     "guarded": Kind(Severity.WARNING, "the guard held, slowed down or took back the command, and passed it on again"),
     "guard_stopped": Kind(Severity.ERROR, "the guard took the command over and stopped"),
     "held": Kind(Severity.WARNING, "a controller braked or held its joints, with a solution"),

@@ -30,6 +30,7 @@ _AGAIN = 2.0  # [s] within which a joint that sticks does so again and again
 _NEAR = 1e-3  # [m or rad] from a target, which then counts as reached
 _JUST_GIVEN = 0.1  # [s] before the end of the run, when a target that is given cannot be reached
 _POSE = 6  # coordinates
+_SHOWN = 3  # joints with poor readings that are named
 
 
 def joint_findings(log: Any, setting: Setting, config: FindingsConfig) -> Iterator[RunFinding]:
@@ -148,14 +149,33 @@ def _fallbacks(log: Any) -> Iterator[RunFinding]:
         here = _any(status >= Status.INFEASIBLE)
         fallen |= here
         if here.any():
-            worst = Status(int(status.max())).name.lower().replace("_", " ")
-            text = f"the controller falls back in {_ticks(here)}: its program has no solution ({worst})"
-            yield finding("solver_fallback", text, _first(time, here))
+            worst = Status(int(status.max()))
+            why = _poor_readings(log, here) if worst is Status.NOT_FINITE and name == "status" else ""
+            why = why or f"its program has no solution ({worst.name.lower().replace('_', ' ')})"
+            yield finding("solver_fallback", f"the controller falls back in {_ticks(here)}: {why}", _first(time, here))
     if "holding" in log:
         held = _any(log["holding"].values > 0) & ~fallen
         if held.any():
             text = f"the controller brakes or holds the joints in {_ticks(held)}, though its program has a solution"
             yield finding("held", text, _first(time, held))
+
+
+def _poor_readings(log: Any, here: Mask) -> str:
+    """Which joints the controller had no good reading of in these ticks, and what was wrong with it; else ""."""
+    if "reading_ok" not in log or log["reading_ok"].dims != ("time", "joint"):
+        return ""
+    poor, said = (log["reading_ok"].values < 0.5) & here[:, np.newaxis], []
+    read = [log[name].values for name in ("joint_position", "joint_velocity") if name in log]
+    for k in np.flatnonzero(poor.any(axis=0)):
+        at = np.flatnonzero(poor[:, k])
+        if any(np.isnan(values[at, k]).any() for values in read):
+            what = "is not a number"
+        elif read and at[0] > 0 and read[0][at[0], k] == read[0][at[0] - 1, k]:
+            what = "repeats while its command moves on"
+        else:
+            what = "is far from its command"
+        said.append(f"the reading of {log['joint'].values[k]} {what}")
+    return ", ".join(said[:_SHOWN]) + (f" (and of {len(said) - _SHOWN} more)" if len(said) > _SHOWN else "")
 
 
 def _machine(log: Any, way: list[Any]) -> Iterator[RunFinding]:

@@ -203,6 +203,26 @@ def test_ticks_without_a_solution_and_ticks_that_only_hold_are_told_apart() -> N
     assert of_tasks(status=1.0 * ticks) == []  # soft rows are missed, as they may be
 
 
+@pytest.mark.parametrize(
+    ("read", "what"),
+    [
+        (lambda q, at: np.where(at, q[np.argmax(at) - 1], q), "repeats while its command moves on"),
+        (lambda q, at: np.where(at, np.nan, q), "is not a number"),
+        (lambda q, at: np.where(at, q + 1.0, q), "is far from its command"),
+    ],
+)
+def test_readings_that_stop_a_controller_are_told_by_joint(read: Any, what: str) -> None:
+    poor = (TIME > 1.0) & (TIME < 1.0201)
+    position, ok = np.outer(np.sin(TIME), np.ones(7)), np.ones((len(TIME), 7))
+    position[:, 2], ok[poor, 2] = read(position[:, 2], poor), 0.0
+    late = (poor & (TIME > 1.0101)).astype(float)  # the controller bridges a gap of some ticks
+    (one,) = of_tasks(status=4.0 * late, holding=late, reading_ok=ok, joint_position=position)
+    told = f"the reading of {JOINTS[2]} {what}"
+    assert (one.kind, one.text) == ("solver_fallback", f"the controller falls back in 3 of 501 ticks: {told}")
+    (one,) = of_tasks(status=4.0 * late, holding=late, reading_ok=np.ones((len(TIME), 7)))
+    assert one.text.endswith("its program has no solution (not finite)")
+
+
 @pytest.mark.parametrize(("end", "kinds"), [(2.0, ["machine_failed"]), (0.0, ["machine_not_ended"]), (1.0, [])])
 def test_a_machine_that_fails_or_does_not_end_is_told(end: float, kinds: list[str]) -> None:
     log = made_up().drop_vars("motor_torque")
