@@ -50,6 +50,7 @@ class Expression:
     Args:
         text: as written.
         key: that it stands at, for messages.
+        example: of one that fits there, for messages.
 
     Attributes:
         text: as written.
@@ -60,13 +61,13 @@ class Expression:
         BadInputError: it is no expression of that kind.
     """
 
-    def __init__(self, text: str, key: str = "expression"):
+    def __init__(self, text: str, key: str = "expression", example: str = "overshoot_pct <= 5 and peak_force_N < 20"):
         self.text = text
-        self._key = key
+        self._key, self._example = key, example
         try:
             self._tree = ast.parse(text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
-            raise invalid(key, text, "an expression such as overshoot_pct <= 5 and peak_force_N < 20") from None
+            raise invalid(key, text, f"an expression such as {example}") from None
         self.names = list(dict.fromkeys(self._names(self._tree)))
         constants = [node.value for node in ast.walk(self._tree) if isinstance(node, ast.Constant)]
         self.texts = [value for value in constants if isinstance(value, str)]
@@ -91,8 +92,8 @@ class Expression:
         for part in _parts_of_condition(self._tree):
             shown = "" if part is self._tree else f": {ast.unparse(part)!r}"
             if not isinstance(part, ast.Compare) or not any(map(_dotted, ast.walk(part))):
-                example = "a comparison of a name, such as overshoot_pct <= 5"
-                raise BadInputError(f" = {self.text!r}{shown}: must be {example}", key=self._key)
+                wanted = f"a comparison of a name, such as {self._example.partition(' and ')[0]}"
+                raise BadInputError(f" = {self.text!r}{shown}: must be {wanted}", key=self._key)
             for term in (part.left, *part.comparators):
                 if any(self._names(term)):
                     continue

@@ -27,6 +27,7 @@ from forcectl.tasks.machine.chart import ChartArrow, ChartMode, MachineChart
 
 GRIPPERS = ("open", "closed")
 LONGEST_GAP = 0.05  # [s]
+GUARD_EXAMPLE = "time > 0.5 and abs(touch.force_z) > 1"
 _SWITCHES = ("reached", "stalled", "holding", "gripper_holds")  # signals that are 0 or 1
 _SOON = 1e-9  # [s] after something began: guards are first looked at a tick later
 _RANGES = {"time": (0.0, math.inf), "elapsed": (_SOON, math.inf), "visits": (1.0, math.inf)}
@@ -123,7 +124,7 @@ def check_able(
         BadInputError: about the guard.
     """
     for i, exit_ in enumerate(exits):
-        condition = Expression(exit_.when, f"{place}.{i}.when")
+        condition = Expression(exit_.when, f"{place}.{i}.when", GUARD_EXAMPLE)
         for part, holds in condition.settled(ranges):
             if not holds:
                 shown = "" if part == condition.text.strip() else f": {part!r}"
@@ -207,7 +208,7 @@ def _check_guards(place: str, exits: Sequence[ExitConfig], timeout: float = math
     """Each guard can hold before the timeout, and none counts after another one that is the same."""
     for i, exit_ in enumerate(exits):
         key = f"{place}.{i}.when"
-        condition = Expression(exit_.when, key)
+        condition = Expression(exit_.when, key, GUARD_EXAMPLE)
         condition.check_condition()
         limits = condition.limits()
         for name, (low, high) in limits.items():

@@ -13,7 +13,7 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check
 from forcectl.framework.expression import Expression
 from forcectl.framework.sampled_block import Memory, SampledBlock
-from forcectl.tasks.machine.modes import LONGEST_GAP, ExitConfig, MachineModeConfig, Modes, check_modes
+from forcectl.tasks.machine.modes import GUARD_EXAMPLE, LONGEST_GAP, ExitConfig, MachineModeConfig, Modes, check_modes
 
 ENDS = ("running", "success", "failure")  # by their number
 # Names in guards that are no signals.
@@ -39,7 +39,7 @@ class Guard:
     """
 
     def __init__(self, text: str, key: str, known: Sequence[str]):
-        self._condition = Expression(text, key)
+        self._condition = Expression(text, key, GUARD_EXAMPLE)
         self._condition.check_names([*known, *_OWN], "signal")
         if self._condition.texts:
             raise invalid(key, text, "of signals and numbers, without texts")
