@@ -162,6 +162,7 @@ def build_loop(parts: LoopParts) -> Loop:
     builder.AddNamedSystem("controller", controller)
     with about(parts.station):
         station = builder.AddNamedSystem("station", build_station(workcell, parts.seed))
+    _check_forces(station, len(workcell.contacts))
     signals.add("station", station)
     signals.several = getattr(station, "sensed_by_several", {})
     signals.add("controller", controller, SIGNALS)
@@ -197,6 +198,13 @@ def build_loop(parts: LoopParts) -> Loop:
     missing = [name for name in SOURCES if workcell.has_dynamics and name not in logged and station.HasOutputPort(name)]
     probes = tuple(Probe(name, station.GetOutputPort(name), unit_of(name)) for name in missing)
     return Loop(diagram, sink, logged, workcell.period, setting, parts.reference_model_bandwidth, station, probes)
+
+
+def _check_forces(station: Diagram, surfaces: int) -> None:
+    """Refuse a station whose true force is not one along the normal of each surface."""
+    if station.HasOutputPort("contact_force") and (size := station.GetOutputPort("contact_force").size()) != surfaces:
+        fault = f" puts out contact_force of size {size}: must be {surfaces}, one for each surface"
+        raise BadInputError(fault, key="station.fidelity")
 
 
 def _add_sources(

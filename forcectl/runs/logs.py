@@ -120,7 +120,7 @@ def to_dataset(
             coordinates[component] = list(signal.labels) or [str(i) for i in range(1, signal.samples.shape[1] + 1)]
     if model_bandwidth is not None:
         dimensions, desired, _ = variables["desired_force"]
-        columns = desired.reshape(len(times), -1).T
+        columns = np.atleast_2d(desired.T)
         first = np.broadcast_to(variables["contact_force"][1][:1].ravel() if times.size else 0.0, len(columns))
         responses = [model_response(times, d, model_bandwidth, float(f)) for d, f in zip(columns, first, strict=True)]
         attributes = {

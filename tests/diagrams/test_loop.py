@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
+from forcectl.diagrams.fidelities.light import KinematicFidelity
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.errors import BadInputError
 from forcectl.estimation.force_estimator import ForceEstimatorConfig
@@ -267,3 +268,24 @@ def test_believed_compliance_in_the_loop_is_the_true_one(fidelity: str) -> None:
     assert loop.workcell.contact.environment_compliance == pytest.approx(1 / SPRINGS)
     assert loop.workcell.contact.robot_compliance == pytest.approx(3.2e-5, rel=1e-3)
     assert loop.reference_model_bandwidth == 1.5
+
+
+class _TwoForces(KinematicFidelity):
+    """A station that puts out two true forces at its only surface."""
+
+    def build(self, workcell, seed):
+        builder = DiagramBuilder()
+        joints = workcell.num_joints
+        command = builder.AddNamedSystem("command", ZeroOrderHold(workcell.period, joints))
+        builder.ExportInput(command.get_input_port(), "joint_position_command")
+        sizes = {"measured_force": 1, "contact_force": 2, "motor_position": joints, "motor_velocity": joints}
+        for name, size in sizes.items():
+            block = builder.AddNamedSystem(name, ConstantVectorSource(np.zeros(size)))
+            builder.ExportOutput(block.get_output_port(), name)
+        return builder.Build()
+
+
+def test_a_station_has_one_true_force_at_each_surface():
+    message = r"^station\.fidelity puts out contact_force of size 2: must be 1, one for each surface$"
+    with pytest.raises(BadInputError, match=message):
+        Scenario(station=StationConfig(fidelity=_TwoForces())).build()

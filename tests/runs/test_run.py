@@ -39,7 +39,7 @@ class Law(LeafSystem):
     def update(self, context, state):
         x = context.get_discrete_state(self.command).value()[0]
         t = context.get_time()
-        if self.kind == "raises" and t > 0.3:
+        if self.kind == "raises at once" or (self.kind == "raises" and t > 0.3):
             raise KeyError("the law's own mistake")
         if self.kind == "nan" and t > 0.3:
             x = np.nan
@@ -248,6 +248,14 @@ def test_a_run_that_goes_wrong_stops_with_signal_and_time_and_keeps_the_log(laws
     assert json.loads((kept / "metrics.json").read_text()) == {}
     if kind == "raises":
         assert isinstance(caught.value.__cause__, KeyError)
+
+
+def test_a_block_that_raises_at_the_start_is_told_as_one_that_raises_later(laws, tmp_path, without_pictures):
+    message = r"simulation stopped at t = 0\.0000 s: KeyError .*the law's own mistake"
+    with pytest.raises(StoppedRunError, match=message) as caught:
+        fc.run("fig_2_8", overrides=laws("raises at once"), out=tmp_path / "run")
+    assert isinstance(caught.value.__cause__, KeyError)
+    assert json.loads((tmp_path / "run.failed" / "manifest.json").read_text())["status"] == "failed"
 
 
 def test_a_solver_that_gives_up_is_a_failed_run(tmp_path, without_pictures):
