@@ -153,6 +153,16 @@ def _holds(tree: Tree, parts: list[str]) -> bool:
     return True
 
 
+def leave_out(tree: Tagged, preset: Tagged) -> None:
+    """Write null for the parts that a preset has and a complete tree has not: else the preset would add them again."""
+    for name, part in preset.items():
+        if name == "description":
+            continue
+        own = tree.setdefault(name, None)
+        if isinstance(own, Tagged) and own.tag is None and isinstance(part, Tagged):
+            leave_out(own, part)
+
+
 def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]:
     """The variants to run: the named one, else all.
 

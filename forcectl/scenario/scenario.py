@@ -36,7 +36,7 @@ from forcectl.scenario.code import check_imports
 from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation
 from forcectl.scenario.gains import identifications
-from forcectl.scenario.layers import ONLY_VARIANT, Layers, locate_files, select_variants
+from forcectl.scenario.layers import ONLY_VARIANT, Layers, leave_out, locate_files, select_variants
 from forcectl.scenario.probes import probes_of
 from forcectl.scenario.schema import ScenarioReader
 from forcectl.scenario.together import LONGEST_DURATION, check_built, check_together
@@ -363,12 +363,15 @@ def origins(
 def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
     """One tree that holds all variants in full: the first one, and what the others change.
 
-    Presets and defaults are written out, so that the tree means the same when they change later.
+    Presets and defaults are written out, so that the tree means the same when they change later; a part of the preset
+    that a scenario has not is null.
     """
     names = list(scenarios)
     trees = {name: tree_of_fields(scenario) for name, scenario in scenarios.items()}
-    for tree in trees.values():
-        tree.update(variants=Tagged(), preset=catalog.DEFAULT_PRESET)
+    for name, tree in trees.items():
+        tree.update(variants=Tagged())
+        drive = to_tree(scenarios[name].station.drive, "drive").tag
+        leave_out(tree, catalog.find_preset(scenarios[name].preset, drive).tree)
     base = trees[names[0]]
     lines = zip(scenarios[names[0]].expect, base["expect"], strict=True)
     base["expect"] = [_without_nulls(part) for line, part in lines if {*line.variants(names).values()} <= {*names}]

@@ -172,6 +172,23 @@ def test_a_variant_that_changes_the_preset_or_the_controller_resolves(tmp_path):
         assert (other.station, other.controller) == (scenario.station, scenario.controller)
 
 
+@pytest.mark.parametrize(
+    ("first", "other"),
+    [
+        ({"preset": "linear", "station.sensors.force": None}, {}),
+        ({"preset": "linear", "station.sensors.force": None}, {"preset": "friction", "station.sensors.force": {}}),
+        ({"preset": "ideal"}, {"preset": "linear", "station.sensors.force": None}),
+    ],
+)
+def test_the_resolved_scenario_has_the_presets_that_ran_and_nothing_more_of_them(first, other):
+    file = as_file({"variants": {"first": first, "other": other}})
+    scenarios = {name: resolve(file, name) for name in select_variants(file)}
+    again = as_file(parse(dump(resolved_tree(scenarios)), "again.yaml"))
+    for name, scenario in scenarios.items():
+        found = resolve(again, name)
+        assert (found.preset, found.station) == (scenario.preset, scenario.station)
+
+
 def test_a_part_that_is_added_by_its_dotted_key_stands_beside_the_default_ones(tmp_path):
     added = {"station.sensors.joints": "!JointReadings"}
     path = write(tmp_path, "variants: {plain: {}, joints: {station.sensors.joints: !JointReadings {}}}")
