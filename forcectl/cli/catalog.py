@@ -34,6 +34,7 @@ def list_(
     """
     from forcectl.framework.imports import announcing
     from forcectl.runs.terminal.listing import KINDS, catalog_tables, entries, kind_of, kind_table, tag_keys, tag_tables
+    from forcectl.scenario.catalog import groups, passed_over
 
     if what is not None and what not in KINDS and os.path.isdir(what):
         _list_folder(Path(what), clean, as_json)
@@ -55,6 +56,10 @@ def list_(
         console.print("The keys of one part: forcectl list '!Integral'.", highlight=False)
         names = ", ".join(dict.fromkeys((*_set_by_the_user(), *announcing()))) or "none"
         console.print(f"Code that scenarios may name, beside modules in their own folder: {names}.", highlight=False)
+        named = ", ".join(groups())
+        console.print(f"A package fills slots by entry points of the groups {named}.", highlight=False)
+    for line in passed_over():
+        typer.echo(line, err=True)
 
 
 def _set_by_the_user() -> list[str]:
@@ -95,9 +100,12 @@ def schema(
     """
     import json
 
-    from forcectl.scenario.json_schema import scenario_schema
+    from forcectl.scenario.catalog import passed_over
+    from forcectl.scenario.json_schema import scenario_schema, unusable_tags
 
     text = json.dumps(scenario_schema(), indent=1, ensure_ascii=False, allow_nan=False)
+    for line in (*passed_over(), *unusable_tags()):
+        typer.echo(line, err=True)
     if out is None:
         typer.echo(text)
         return

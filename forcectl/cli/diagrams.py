@@ -97,6 +97,7 @@ def check(
     """
     from forcectl.cli.target import named_assumptions, named_code, named_diagram, named_gains
     from forcectl.doctor import examine, render
+    from forcectl.scenario.catalog import passed_over
 
     _, diagram = named_diagram(scenario, variant, settings, fidelity, allow_imports, whole=True)
     report = examine(diagram, sensor=source, command=target, scheme=scheme)
@@ -108,5 +109,7 @@ def check(
         for line in (*named_code(scenario, settings), *found):
             typer.echo(line)
         say_assumed(named_assumptions(scenario, variant, settings, fidelity, allow_imports))
+        for line in passed_over():
+            typer.echo(line, err=True)
     if not report.ok:
         raise typer.Exit(1)

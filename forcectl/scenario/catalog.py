@@ -176,6 +176,7 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "potential": ("potentials",),
     "fault": ("fault",),
 }
+_GROUP = "forcectl."  # begin of the names of groups of entry points, which end with the slot
 IMPORT = "Import"  # the tag of a class named by its import path, in every slot
 DEFAULT_PRESET = "friction"
 BLOCK_ROOMS = ("plant", "force", "tasks", "motion", "estimation")
@@ -234,7 +235,35 @@ def announced(slot: str) -> dict[str, str]:
     """Tags of a slot that installed packages announce, sorted: tag -> import path. Looked for once in a process."""
     from importlib.metadata import entry_points
 
-    return {point.name: point.value for point in sorted(entry_points(group=f"forcectl.{slot}"))}
+    points = sorted(entry_points(group=f"{_GROUP}{slot}"))
+    return {point.name: point.value for point in points if not _fault(slot, point.name)}
+
+
+def groups() -> list[str]:
+    """Groups of entry points by which a package announces what fills the slots."""
+    return [f"{_GROUP}{slot}" for slot in SLOTS]
+
+
+def passed_over() -> list[str]:
+    """Lines that say which entry points of installed packages are no tags, and why. Nothing is imported."""
+    from importlib.metadata import entry_points
+
+    points = entry_points()
+    lines = []
+    for group in sorted(group for group in points.groups if group.startswith(_GROUP)):
+        for point in sorted(points.select(group=group)):
+            if fault := _fault(group.removeprefix(_GROUP), point.name):
+                lines.append(f"passed over: {group}: {point.name} = {point.value}: {fault}")
+    return lines
+
+
+def _fault(slot: str, tag: str) -> str:
+    """What is wrong with a tag that a package announces; "" where nothing is."""
+    if slot not in SLOTS:
+        return str(unknown("group", f"{_GROUP}{slot}", groups()))
+    if tag in SLOTS[slot]:
+        return f"!{tag} is forcectl's own: must have another name"
+    return "" if re.fullmatch(r"[\w.-]+", tag) else "a tag must be letters, digits, and _ . -"
 
 
 def list_presets() -> list[str]:

@@ -11,8 +11,9 @@ import math
 import typing
 from typing import Any
 
+from forcectl.errors import BadInputError
 from forcectl.framework.fields import REQUIRED, Key, interval, key_of, members, typed_fields
-from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
+from forcectl.scenario.catalog import IMPORT, SLOTS, announced, tags_of
 from forcectl.scenario.keys import default_value, is_number
 from forcectl.scenario.scenario import Scenario
 from forcectl.scenario.schema import class_of
@@ -24,7 +25,7 @@ Schema = dict[str, Any]
 
 
 def scenario_schema() -> Schema:
-    """The schema of a scenario file, with what installed packages register."""
+    """The schema of a scenario file, with what installed packages register, but for `unusable_tags`."""
     found: Schema = {}
     root = _object(Scenario, found)
     variant = {"description": "values that replace the scenario's", "type": ["object", "null"]}
@@ -62,10 +63,25 @@ def _define(name: str, found: Schema, make: Any) -> Schema:
     return {"$ref": f"#/$defs/{name.replace(' ', '%20')}"}
 
 
+def unusable_tags() -> list[str]:
+    """Lines that say which tags of installed packages cannot be imported, or do not fit their slot, and why."""
+    lines = []
+    for slot in SLOTS:
+        for tag in announced(slot):
+            try:
+                class_of(slot, tag, f"slot {slot}, !{tag}")
+            except BadInputError as error:
+                lines.append(f"passed over: {error}")
+    return lines
+
+
 def _slot(slot: str, found: Schema) -> Schema:
     fillers = []
     for tag in tags_of(slot):
-        cls = class_of(slot, tag)
+        try:
+            cls = class_of(slot, tag)
+        except BadInputError:  # see `unusable_tags`
+            continue
         if dataclasses.is_dataclass(cls):
             fillers.append(_define(f"{slot} !{tag}", found, lambda cls=cls, tag=tag: _object(cls, found, f"!{tag}")))
     imported = {

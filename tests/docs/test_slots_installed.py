@@ -204,3 +204,37 @@ def test_a_package_that_announces_what_does_not_fit_is_told_in_one_line(site: Pa
         assert done.returncode != 0
         assert told in done.stderr
         assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+
+
+def test_what_a_package_announces_in_vain_is_told_and_the_rest_is_used(site: Path, tmp_path: Path) -> None:
+    vain = tmp_path / "vain-1.0.dist-info"
+    vain.mkdir()
+    (vain / "METADATA").write_text("Metadata-Version: 2.1\nName: vain\nVersion: 1.0\n")
+    (vain / "entry_points.txt").write_text(
+        "[forcectl.controller]\nIntegral = my_parts:Creep\nWeird Name = my_parts:Creep\nNowhere = my_parts:Nope\n"
+        "[forcectl.sensors]\nDrifting = my_parts:DriftingSensor\n"
+    )
+    told = [
+        "passed over: forcectl.controller: Integral = my_parts:Creep: !Integral is forcectl's own: must have",
+        "passed over: forcectl.controller: Weird Name = my_parts:Creep: a tag must be letters, digits, and _ . -",
+        "passed over: forcectl.sensors: Drifting = my_parts:DriftingSensor: unknown group 'forcectl.sensors': did you "
+        "mean 'forcectl.sensor'? known: forcectl.controller, forcectl.reference, ",
+        "passed over: slot controller, !Nowhere: 'my_parts:Nope' cannot be imported",
+    ]
+    for arguments, count in ((("list",), 3), (("check", "fig_2_7"), 3), (("schema",), 4)):
+        done = command(site, tmp_path, *arguments)
+        assert done.returncode == 0, done.stderr
+        lines = done.stderr.strip().splitlines()
+        assert len(lines) == count, done.stderr
+        for line, begin in zip(lines, told, strict=False):
+            assert line.startswith(begin)
+    shown = json.loads(done.stdout)["$defs"]
+    assert "controller !Creep" in shown
+    assert "controller !Nowhere" not in shown
+
+
+def test_the_page_and_the_list_name_the_groups(site: Path, tmp_path: Path) -> None:
+    words = " ".join(command(site, tmp_path, "list").stdout.split())
+    assert words.endswith(f"of the groups {', '.join(f'forcectl.{slot}' for slot in CONTRACTS)}.")
+    named = PAGE.partition("The groups are")[2].partition(";")[0]
+    assert re.findall(r"`(\w+)`", named) == list(CONTRACTS)
