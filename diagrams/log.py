@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, Multiplexer, VectorLog, VectorLogSink
 
 from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError, show
+from forcectl.framework.block import of_ports
 
 _COORDINATES = ("time", "variant")  # of a log
 
@@ -91,19 +91,10 @@ def add_log(
     for i, (name, port) in enumerate(ports.items()):
         builder.Connect(port, multiplexer.get_input_port(i))
         dimension, named = labels.get(name, (None, None))
-        unit = unit_of(name, _of_ports(port.get_system(), "port_units"))
-        meanings = _of_ports(port.get_system(), "port_meanings").get(name, ())
+        unit = unit_of(name, of_ports(port.get_system(), "port_units"))
+        meanings = of_ports(port.get_system(), "port_meanings").get(name, ())
         signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension, meanings)
         row += port.size()
     sink = LogVectorOutput(multiplexer.get_output_port(), builder, period)
     sink.set_name("log")
     return sink, signals
-
-
-def _of_ports(system: System, attribute: str) -> dict[str, Any]:
-    """What a block, or the blocks inside a diagram, say of ports by name in an attribute; outer blocks win."""
-    inner = system.GetSystems() if isinstance(system, Diagram) else []
-    found: dict[str, Any] = {}
-    for block in inner:
-        found |= _of_ports(block, attribute)
-    return found | getattr(system, attribute, {})

@@ -56,10 +56,9 @@ def list_(
         console.print("The keys of one part: forcectl list '!Integral'.", highlight=False)
         names = ", ".join(dict.fromkeys((*_set_by_the_user(), *announcing()))) or "none"
         console.print(f"Code that scenarios may name, beside modules in their own folder: {names}.", highlight=False)
-        named = ", ".join(groups())
-        console.print(f"A package fills slots by entry points of the groups {named}.", highlight=False)
-    for line in passed_over():
-        typer.echo(line, err=True)
+        console.print(f"A package fills slots by entry points of the groups {', '.join(groups())}.", highlight=False)
+    for fault in passed_over():
+        typer.echo(fault, err=True)
 
 
 def _set_by_the_user() -> list[str]:
@@ -104,8 +103,8 @@ def schema(
     from forcectl.scenario.json_schema import scenario_schema, unusable_tags
 
     text = json.dumps(scenario_schema(), indent=1, ensure_ascii=False, allow_nan=False)
-    for line in (*passed_over(), *unusable_tags()):
-        typer.echo(line, err=True)
+    for fault in (*passed_over(), *unusable_tags()):
+        typer.echo(fault, err=True)
     if out is None:
         typer.echo(text)
         return

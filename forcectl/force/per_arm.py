@@ -8,11 +8,12 @@ from typing import Any
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
+from forcectl.conventions import unit_of
 from forcectl.errors import about, invalid
 from forcectl.force.law import require_force_law
-from forcectl.framework.block import PythonDiagram
+from forcectl.framework.block import PythonDiagram, of_ports
 from forcectl.framework.fields import Config, slot
-from forcectl.framework.wiring import Enclosed, input_names, stacked
+from forcectl.framework.wiring import Enclosed, input_names, output_names, stacked
 from forcectl.plant.plant_model import PlantModel
 
 _INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displacement", "sliding")
@@ -46,13 +47,15 @@ class PerArm(PythonDiagram):
     name: PerArm
     input_ports: [desired_force, measured_force, motor_displacement (optional), path_displacement (optional),
     sliding (optional), (further inputs of the laws)]
-    output_ports: [displacement_command]
+    output_ports: [displacement_command, (further outputs of the laws)]
     ```
 
     desired_force, measured_force: shape (k,) [N]. motor_displacement, path_displacement, sliding: shape (k,) [m, m, 1];
     where a law has them.
     displacement_command: shape (k,) [m]. Feedthrough of desired_force and measured_force at the tick. Feedthrough of
     motor_displacement when a law predicts.
+    Further outputs of a law have the name of its arm in front, such as left_environment_compliance. All outputs are
+    feedthrough of desired_force, measured_force and motor_displacement when those of the laws are.
 
     Sampling: every `period` [s] the laws; no delay beyond that of the laws.
 
@@ -89,4 +92,11 @@ class PerArm(PythonDiagram):
                 builder.ConnectInput(whole, port)
         commands = [law.GetOutputPort("displacement_command") for law in added]
         builder.ExportOutput(stacked(builder, "displacement_commands", commands), "displacement_command")
+        self.port_units: dict[str, str] = {}
+        for arm, law in zip(model.arms, added, strict=True):
+            units = of_ports(law, "port_units")
+            for name in output_names(law):
+                if name != "displacement_command":
+                    builder.ExportOutput(law.GetOutputPort(name), f"{arm}_{name}")
+                    self.port_units[f"{arm}_{name}"] = unit_of(name, units)
         builder.BuildInto(self)

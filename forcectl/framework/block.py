@@ -19,7 +19,7 @@ from typing import Any
 from weakref import ref
 
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import Context, Diagram, LeafSystem, OutputPort, ValueProducer
+from pydrake.systems.framework import Context, Diagram, LeafSystem, OutputPort, System, ValueProducer
 
 _Type: Any = type(LeafSystem)
 
@@ -118,3 +118,12 @@ def values_of_tick(block: LeafSystem, prerequisites: set[Any]) -> BlockCache:
         lambda owner, context, value: value.set_value(owner._compute(context)),
         prerequisites,
     )
+
+
+def of_ports(system: System, attribute: str) -> dict[str, Any]:
+    """What a block, or the blocks inside a diagram, say of ports by name in an attribute; outer blocks win."""
+    inner = system.GetSystems() if isinstance(system, Diagram) else []
+    found: dict[str, Any] = {}
+    for block in inner:
+        found |= of_ports(block, attribute)
+    return found | getattr(system, attribute, {})

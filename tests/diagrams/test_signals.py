@@ -33,6 +33,14 @@ def scenario(text: str = ARM, **changes):
     return parse(text, "own.yaml") | changes
 
 
+def test_what_two_laws_put_out_is_logged_with_the_name_of_the_arm_in_front():
+    laws = "!PerArm {laws: {left: !AdaptiveInvariance {}, right: !AdaptiveIntegral {}}}"
+    log = fc.run(scenario(controller=parse(laws, "own.yaml"), duration=0.02)).log
+    for name in ("left_environment_compliance", "right_environment_compliance"):
+        assert (log[name].dims, log[name].attrs["units"]) == (("time",), "m/N")
+    assert "left_invariance_function" in log
+
+
 @pytest.mark.slow
 def test_two_laws_press_with_two_arms_on_two_surfaces():
     result = fc.run(scenario())

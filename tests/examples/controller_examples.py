@@ -105,7 +105,12 @@ CONTROLLER_EXAMPLES: dict[type[System], list[Example]] = {
         ),
         Example(
             lambda: per_arm(IntegralConfig(), PredictiveInvarianceConfig(filter_delay=0.004)),
-            each("displacement_command", *DESIRED, "motor_displacement"),
+            {
+                pair
+                for output in ("displacement_command", "right_surface_offset", "right_drive_offset")
+                for pair in each(output, *DESIRED, "motor_displacement")
+            }
+            | {pair for output in ("right_invariance_function", "right_status") for pair in each(output, *DESIRED)},
             FORCES | {"motor_displacement": push, "path_displacement": push},
             periods=BOTH_ARMS,
         ),
