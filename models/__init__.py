@@ -62,6 +62,15 @@ def robot_and_arm(name_or_path: str | Path) -> tuple[Path, str | None]:
     return robot_folder(name_or_path), None
 
 
+def found_beside(folder: Path, name: str) -> str:
+    """The name of a robot, "robot/arm" or a tool, as the path where it is a folder in this one that is not shipped."""
+    first, robot = name.partition("/")[0], name.rpartition("/")[0]
+    if not name or first in _folders_with("package.xml"):
+        return name
+    there = os.path.isdir(folder / name) or (robot != "" and any((folder / robot).glob(ROBOT_PARAMETERS)))
+    return str(folder / name) if there else name
+
+
 def _path(name: str | Path) -> Path:
     return Path(os.path.expanduser(name))
 
@@ -117,4 +126,7 @@ def _folder(kind: str, name_or_path: str | Path, shipped: list[str]) -> Path:
     path = _path(name_or_path)
     if str(name_or_path) and os.path.isdir(path):
         return path
-    raise unknown(f"{kind} (neither shipped nor a folder)", str(name_or_path), shipped)
+    error = unknown(f"{kind} (neither shipped nor a folder)", str(name_or_path), shipped)
+    if not path.is_absolute():
+        error.text += f"; folders are looked for beside the scenario's file, and in {str(Path.cwd())!r}"
+    raise error

@@ -9,6 +9,7 @@ from typing import Any
 
 from forcectl.errors import BadInputError, invalid, show, unknown
 from forcectl.framework.yaml_tree import Tagged, Tree, equal, is_object, merge, nest
+from forcectl.models import found_beside
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.trees import default_parts, default_tags, path_of
@@ -234,11 +235,22 @@ def check_different(kind: str, changes: Mapping[str, Tree]) -> None:
 
 
 def locate_files(tree: Tree, folder: Path) -> None:
-    """Make paths of files that are beside the scenario whole, so that they are found from anywhere."""
+    """Make paths of files and robot and tool folders beside the scenario whole, so that they are found from anywhere."""
+    folder = folder.absolute()
+    station = tree.get("station") if isinstance(tree, Tagged) else None
+    if isinstance(station, Tagged):
+        tool = station.get("tool")
+        for part, name in ((station, "robot"), (station, "tool"), *((tool, arm) for arm in tool or ())):
+            if isinstance(part, Tagged) and isinstance(path := part.get(name), str):
+                part[name] = found_beside(folder, path)
+    _locate(tree, folder)
+
+
+def _locate(tree: Tree, folder: Path) -> None:
     if isinstance(tree, Tagged):
         for name in ("path", "model", "gains_from"):
             path = tree.get(name)
             if isinstance(path, str) and path and os.path.isfile(folder / path):
                 tree[name] = str(folder / path)
         for part in tree.values():
-            locate_files(part, folder)
+            _locate(part, folder)
