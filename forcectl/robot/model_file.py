@@ -94,7 +94,7 @@ def some_bodies(model: ModelFile, links: Iterable[str], key: str) -> Bodies:
     """
     for link in links:
         if link not in model.bodies:
-            raise unknown(f"link in {key} of {model.name}", link, model.bodies)
+            raise unknown(f"link of {model.name}", link, model.bodies).at(key)
     return [f"{model.name}::{link}" for link in links]
 
 

@@ -214,13 +214,13 @@ class ControlParameters(Config):
             held_joints=self.held_joints | {name: q for name, q in others.items() if name not in joints},
             joint_stiffness={name: values[mine] for name, values in self.joint_stiffness.items()},
             motor_coupling=[coupling for coupling in self.motor_coupling if coupling.motor_of in joints],
-            **{name: getattr(self, name)[mine] for name in _PER_JOINT},
+            **{name: getattr(self, name)[mine] for name in PER_JOINT},
         )
 
 
 # What is derived from limits where it is left out.
 DERIVED = ("joint_stiffness", "transmission_damping", "rotor_inertia", "coulomb_friction", "viscous_friction")
-_PER_JOINT = (
+PER_JOINT = (
     "transmission_damping",
     "rotor_inertia",
     "coulomb_friction",
@@ -274,13 +274,19 @@ def load_tool_parameters(folder: Path) -> ToolParameters:
     return _load(ToolParameters, parameter_file(folder, TOOL_PARAMETERS))
 
 
-def _load(kind: type[T], file: Path) -> T:
+def read_keys(file: Path) -> Tagged:
+    """What a file of parameters holds, unchecked; an empty one has no keys, and BadInputError tells what is no YAML."""
     try:
         tree = parse(file.read_text(encoding="utf-8"), file.name)
     except (OSError, UnicodeDecodeError) as error:
         raise BadInputError(f"{file.name}: cannot be read: {' '.join(str(error).split())}") from None
-    if not isinstance(tree, Tagged):
+    if not isinstance(tree, Tagged | None):
         raise BadInputError(f"{file.name} is no mapping: must be keys and values")
+    return Tagged() if tree is None else tree
+
+
+def _load(kind: type[T], file: Path) -> T:
+    tree = read_keys(file)
     model = tree.get("model")
     try:
         parameters: T = Reader(lambda key: place(file.name, tree.lines, key)).dataclass(kind, tree, "")
@@ -328,7 +334,7 @@ def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
     n, names = parameters.num_joints, parameters.arm_joints
     yield "arm_joints", names, "different joint names, at least one", 0 < n == len(set(names))
     yield from _arm_checks(parameters)
-    for name in _PER_JOINT:
+    for name in PER_JOINT:
         values = getattr(parameters, name)
         if values.size or name in _GIVEN:
             yield _numbers(name, values, n)

@@ -166,7 +166,8 @@ def add_robot_with(
     _fix_base(plant, parameters.base_frame, instance, X_WB)
     followers = _mimics(plant, whole.urdf.joints, parameters, instance)
     _hold(plant, parameters.held_joints | followers, instance)
-    joints = tuple(_revolute_or_prismatic(plant, name, instance) for name in parameters.arm_joints)
+    names = enumerate(parameters.arm_joints)
+    joints = tuple(_revolute_or_prismatic(plant, name, instance, f"arm_joints.{i}") for i, name in names)
     for i, (joint, position) in enumerate(zip(joints, parameters.default_posture, strict=True)):
         check_range(joint, float(position), parameters.model, f"default_posture_deg.{i}")
         joint.set_default_positions(np.array([position]))
@@ -259,7 +260,7 @@ def _mimics(
                     f"joint {follower!r} mimics an arm joint, which is not followed here: must be one of held_joints"
                 )
             wanted = 0.0 if mimics is None else mimics[1] * position(mimics[0], (*seen, name)) + mimics[2]
-            joint = _revolute_or_prismatic(plant, name, instance)
+            joint = _revolute_or_prismatic(plant, name, instance, "held_joints")
             held[name] = float(np.clip(wanted, joint.position_lower_limits()[0], joint.position_upper_limits()[0]))
         return held[name]
 
@@ -312,7 +313,7 @@ def _with_tool(plant: MultibodyPlant, arm: ArmParts, tool: ModelInstanceIndex, p
         tool_instance=tool,
         contact_ball_frame=frame_named(plant, ball, tool) if ball else None,
         sensor_frame=frame_named(plant, sensor, tool) if sensor else None,
-        sensor_weld=_joint(plant, weld, tool) if weld else None,
+        sensor_weld=_joint(plant, weld, tool, "sensor_weld") if weld else None,
     )
 
 
@@ -327,9 +328,11 @@ def frame_named(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, 
 def _hold(plant: MultibodyPlant, positions: dict[str, float], instance: ModelInstanceIndex) -> None:
     """Replace joints, and what drives them, by welds at `positions`."""
     for name, position in positions.items():
-        joint = _revolute_or_prismatic(plant, name, instance)
-        if not joint.position_lower_limits()[0] <= position <= joint.position_upper_limits()[0]:
-            raise invalid(f"held_joints.{name}", position, "within the joint's limits [rad, m]")
+        key = f"held_joints.{name}"
+        joint = _revolute_or_prismatic(plant, name, instance, key)
+        low, high = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
+        if not low <= position <= high:
+            raise invalid(key, position, f"within the joint's limits, {low:g} to {high:g} [rad, m]")
         parent, child, X = joint.frame_on_parent(), joint.frame_on_child(), _across(joint, position)
         for actuator in _actuators(plant, joint):
             plant.RemoveJointActuator(actuator)
@@ -346,17 +349,18 @@ def _across(joint: Joint, position: float) -> RigidTransform:
     raise BadInputError(f"held joint {joint.name()!r}: must be revolute or prismatic")
 
 
-def _joint(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex) -> Joint:
+def _joint(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, key: str) -> Joint:
     if not plant.HasJointNamed(name, instance):
         known = [plant.get_joint(i).name() for i in plant.GetJointIndices(instance)]
-        raise unknown(f"joint of {plant.GetModelInstanceName(instance)}", name, known)
+        raise unknown(f"joint of {plant.GetModelInstanceName(instance)}", name, known).at(key)
     return plant.GetJointByName(name, instance)
 
 
-def _revolute_or_prismatic(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex) -> Joint:
-    joint = _joint(plant, name, instance)
+def _revolute_or_prismatic(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, key: str) -> Joint:
+    joint = _joint(plant, name, instance, key)
     if joint.num_positions() != 1:
-        raise BadInputError(f"arm joint {name!r} has {joint.num_positions()} positions: must have one")
+        text = f"joint {name!r} has {joint.num_positions()} positions: must have one"
+        raise BadInputError(text, key=key)
     return joint
 
 

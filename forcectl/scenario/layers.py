@@ -235,7 +235,7 @@ def check_different(kind: str, changes: Mapping[str, Tree]) -> None:
 
 
 def locate_files(tree: Tree, folder: Path) -> None:
-    """Make paths of files and robot and tool folders beside the scenario whole, so that they are found from anywhere."""
+    """Make paths of files and of robot and tool folders beside the scenario whole, to be found from anywhere."""
     folder = folder.absolute()
     station = tree.get("station") if isinstance(tree, Tagged) else None
     if isinstance(station, Tagged):

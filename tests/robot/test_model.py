@@ -187,7 +187,7 @@ def test_user_robot_takes_a_shipped_tool(planar):
             "flange_frame: hnad",
             "flange_frame: unknown flange_frame of planar 'hnad': did you mean 'hand'?",
         ),
-        ("[shoulder, elbow", "[shoulder, elbw", "unknown joint of planar 'elbw': did you mean 'elbow'?"),
+        ("[shoulder, elbow", "[shoulder, elbw", "arm_joints.1: unknown joint of planar 'elbw': did you mean 'elbow'?"),
         (
             "[10, 60, -20]",
             "[10, 600, -20]",

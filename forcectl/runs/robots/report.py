@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,12 @@ from pydrake.multibody.tree import BodyIndex, RevoluteJoint
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.reader import Reader
-from forcectl.framework.yaml_tree import Tagged, parse
+from forcectl.framework.yaml_tree import Tagged, place, plain
 from forcectl.models import ROBOT_PARAMETERS, robot_folder
 from forcectl.robot.assumptions import ACCELERATION_TIME
 from forcectl.robot.checks import about_robot, check_drives, check_weight
 from forcectl.robot.model_file import ModelFile, add_models
-from forcectl.robot.parameters import ControlParameters, missing_limits
+from forcectl.robot.parameters import PER_JOINT, ControlParameters, missing_limits, read_keys
 from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
 
 Array = NDArray[np.float64]
@@ -30,6 +31,23 @@ _SUFFIXES = (".urdf", ".sdf", ".xml")
 _SPEED, _TORQUE, _LENGTH = 2.0, 100.0, 0.5  # [rad/s], [Nm], [m], until something better is known
 _PUSH = 20.0  # [N], at the tool
 _NO_INERTIA = 1e-9  # [kg m2]
+_FILTER = {"natural_frequency": 75, "damping_ratio": 1}
+_FASTEST = 1e-4  # [s], a period with which no filter is too fast
+# Keys of which nothing can be said once one of them is wrong, by that one.
+_SETS = ("joint_stiffness", "default_stiffness_set", "link_compliance_sets")
+_FLANGE = ("flange_frame", "flange_turn_deg", "tool_neighbours")
+_JOINTS = ("arm_joints", "arms", "held_joints", "motor_coupling", *_FLANGE, *PER_JOINT, *_SETS)
+_TOGETHER = {"arm_joints": _JOINTS, "arms": _JOINTS, "joint_stiffness": _SETS}
+# Keys that drives and weight are checked against.
+_BASIC = {
+    "arm_joints",
+    "arms",
+    "velocity_limit",
+    "torque_limit",
+    "rotor_inertia",
+    "gear_ratio",
+    "characteristic_length",
+}
 # Of keys that must be given: why, and typical values. Arms of 1 m and less are sampled faster and have faster loops.
 _TYPICAL = {
     "model": "the file with the joints",
@@ -46,6 +64,7 @@ _TYPICAL = {
     "torque_limit": "data sheet [Nm]; here twice what weight, acceleration and 20 N at a tool need",
     "ignored_collisions": "their shapes overlap, or nearly: else LinkDistance is violated from the start",
 }
+_MOVED = ("default_posture_deg", "characteristic_length", "velocity_limit", "torque_limit")  # proposed from moving it
 
 
 @dataclass
@@ -73,14 +92,16 @@ class RobotReport:
         folder: the folder.
         model: the model file; None when none was found.
         robot: None when it cannot be used.
-        problems: why the folder cannot be used.
-        missing: text in YAML of each key that is missing, by the key.
+        read: whether the model could be read.
+        problems: why the folder cannot be used, one line for each key that is wrong.
+        missing: text in YAML of each key that is missing, by the key; not known while there is no model.
         notes: what was replaced or left out of the model, and what else should be known.
     """
 
     folder: Path
     model: Path | None = None
     robot: Understood | None = None
+    read: bool = False
     problems: list[str] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -92,8 +113,10 @@ class RobotReport:
 
     def yaml(self) -> str:
         """The keys that are missing, to be pasted into the control parameters."""
+        guess = "a first guess, until nothing is wrong any more; "
+        said = {key: guess * (key in _MOVED and self.robot is None) + _TYPICAL[key] for key in self.missing}
         return "\n".join(
-            f"{value}  # {_TYPICAL[key]}" if "\n" not in value else f"# {_TYPICAL[key]}\n{value}"
+            f"{value}  # {said[key]}" if "\n" not in value else f"# {said[key]}\n{value}"
             for key, value in self.missing.items()
         )
 
@@ -108,35 +131,34 @@ def examine_robot(folder: str | Path) -> RobotReport:
     given = path if os.path.isfile(path) and path.suffix.lower() in _SUFFIXES else None
     report = RobotReport(path.parent if given else robot_folder(folder))
     try:
-        keys = _read_keys(report)
-        report.model = given or _model_file(report, keys)
+        file = _keys_file(report)
+        keys = read_keys(file) if file else Tagged()
+        if file and not keys:
+            report.notes.append(f"{file.name} is empty: as if there were none")
+        origin = file.name if file else ""
+        report.model = given or _model_file(report, keys, origin)
         if report.model is not None:
-            _examine(report, report.model, keys)
+            _examine(report, report.model, keys, origin)
     except BadInputError as error:
         report.problems.append(str(error))
     return report
 
 
-def _read_keys(report: RobotReport) -> Tagged:
+def _keys_file(report: RobotReport) -> Path | None:
     files = sorted(report.folder.glob(ROBOT_PARAMETERS))
     if len(files) > 1:
         names = ", ".join(file.name for file in files)
         raise BadInputError(f"holds several {ROBOT_PARAMETERS} files: {names}: must be one")
-    if not files:
-        return Tagged()
-    try:
-        tree = parse(files[0].read_text(encoding="utf-8"), files[0].name)
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{files[0].name}: cannot be read: {' '.join(str(error).split())}") from None
-    if not isinstance(tree, Tagged):
-        raise BadInputError(f"{files[0].name} is no mapping: must be keys and values")
-    return tree
+    return files[0] if files else None
 
 
-def _model_file(report: RobotReport, keys: Mapping[str, Any]) -> Path | None:
+def _model_file(report: RobotReport, keys: Tagged, origin: str) -> Path | None:
     named = keys.get("model")
     if isinstance(named, str):
-        return report.folder / named  # refused by name where it is not there
+        if os.path.isfile(report.folder / named):
+            return report.folder / named
+        text = f" = {named!r}: there is no such file in folder {str(report.folder)!r}"
+        report.problems.append(str(BadInputError(text).at("model", place(origin, keys.lines, "model"))))
     below = [report.folder, *sorted(each for each in report.folder.iterdir() if each.is_dir())]
     found = [file for place in below for file in sorted(place.iterdir()) if _is_model(file)] if below else []
     if len(found) == 1:
@@ -162,31 +184,99 @@ def _is_model(file: Path) -> bool:
         return False
 
 
-def _examine(report: RobotReport, model: Path, keys: Tagged) -> None:
+def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> None:
+    """Look at keys and model; what is wrong is told and left out, until the rest can be used."""
     file = ModelFile.look(model)
+    report.read = True
     report.notes += [*file.urdf.notes, *file.remarks]
     plant = MultibodyPlant(time_step=0.0)
     (instance,), _ = add_models(plant, file.path, file.urdf)
     tree = ModelTree(plant, instance, file.urdf)
     plant.Finalize()
-    values = Tagged({"model": str(model.relative_to(report.folder))} | keys)
+    rest, wrong, named = plain(keys), set[str](), dict(report.missing)
+    if isinstance(rest.get("model"), str):
+        del rest["model"]  # it was looked for
+    for error in _unknown_joints(rest, tree):
+        report.problems.append(str(error.at(error.key, place(origin, keys.lines, error.key))))
+        wrong.add("arm_joints")
+    while True:
+        report.missing = dict(named)
+        try:
+            _understand(report, model, rest, wrong, tree)
+        except BadInputError as error:
+            first = error.field.partition(".")[0]
+            told = error.at(error.field, place(origin, keys.lines, error.field)) if first in keys else error
+            report.problems.append(str(told))
+            if _left_out(rest, error.field):
+                wrong |= {first, error.field}
+                continue
+        break
+    touched = {"reference_filter", "ignored_collisions"}  # that more is said of than there is
+    report.missing = {name: text for name, text in report.missing.items() if name in touched or name not in keys}
+
+
+def _unknown_joints(rest: Tagged, tree: ModelTree) -> Iterator[BadInputError]:
+    """Tell unknown arm joints; those that are meant take their places, or else all that is said of joints goes."""
+    names, known, meant = rest.get("arm_joints"), [joint.name() for joint in tree.moving], dict[str, str]()
+    if not isinstance(names, list):
+        return
+    for i, name in enumerate(map(str, names)):
+        if name not in known:
+            yield unknown("joint", name, known).at(f"arm_joints.{i}")
+            others = [each for each in known if each not in names and each not in meant.values()]
+            if near := difflib.get_close_matches(name, others, n=1, cutoff=0.5):
+                meant[name] = near[0]
+    if any(name not in known and name not in meant for name in map(str, names)):
+        _left_out(rest, "arm_joints")
+        return
+    arms = rest.get("arms")
+    for part, key in ((rest, "arm_joints"), *((arm, "joints") for arm in (arms or {}).values())):
+        if isinstance(part, Tagged) and isinstance(part.get(key), list):
+            part[key] = [meant.get(str(name), name) for name in part[key]]
+
+
+def _left_out(rest: Tagged, key: str) -> bool:
+    """Leave out what stands at a dotted key, and all of which nothing can be said without it; whether it was there."""
+    first, _, name = key.partition(".")
+    if first not in rest:
+        return False
+    part = rest[first]
+    if first not in _TOGETHER and isinstance(part, Tagged) and name in part:
+        del part[name]
+    else:
+        for each in (first, *_TOGETHER.get(first, ())):
+            rest.pop(each, None)
+    return True
+
+
+def _understand(report: RobotReport, model: Path, rest: Tagged, wrong: Collection[str], tree: ModelTree) -> None:
+    values, plant = Tagged({"model": str(model.relative_to(report.folder))} | plain(rest)), tree.plant
     _add_arms(report, values, tree)
-    if "reference_filter" not in values:
-        report.missing["reference_filter"] = "reference_filter: {natural_frequency: 75, damping_ratio: 1}"
-        values["reference_filter"] = Tagged({"natural_frequency": 75.0, "damping_ratio": 1.0})
+    given = values.setdefault("reference_filter", Tagged())
+    lacking = [name for name in _FILTER if isinstance(given, Tagged) and name not in given]
+    if lacking:
+        values["reference_filter"] = Tagged(_FILTER | given)
+        if "reference_filter" not in wrong or {f"reference_filter.{name}" for name in lacking} - set(wrong):
+            both = ", ".join(f"{name}: {value}" for name, value in values["reference_filter"].items())
+            report.missing["reference_filter"] = f"reference_filter: {{{both}}}"
     if "period" not in values:
-        report.missing["period"], values["period"] = "period: 0.002", 0.002
+        report.missing["period"], values["period"] = "period: 0.002", _FASTEST if "period" in wrong else 0.002
     # Some value, until the robot was moved.
     unknown = {text.partition(" ")[0] for text in missing_limits(values, model)}
     unknown |= {"default_posture_deg", "characteristic_length"} - set(values)
     n = len(values["arm_joints"])
     some = {"velocity_limit": [_SPEED] * n, "torque_limit": [_TORQUE] * n, "characteristic_length": _LENGTH}
     some["default_posture_deg"] = _within(plant, values["arm_joints"])
+    report.missing |= {
+        name: f"{name}: {_list(some[name]) if isinstance(some[name], list) else some[name]}"
+        for name in _MOVED
+        if name in unknown
+    }
     parameters = Reader().dataclass(ControlParameters, Tagged(values | {name: some[name] for name in unknown}))
     with about_robot(next(report.folder.glob(ROBOT_PARAMETERS), model).name):
         explorer = Explorer(report.folder, parameters)
         parts = explorer.parts
-        if not set(some) & unknown - {"default_posture_deg"}:
+        if not set(some) & unknown - {"default_posture_deg"} and not _BASIC & set(wrong):
             check_drives(parts.parameters, parts.actuators)
             check_weight(explorer.plant, parts.instance, parts.parameters, parts.actuators)
     parameters, found = explorer.parts.parameters, explorer.explore(parameters.characteristic_length)
@@ -198,7 +288,7 @@ def _examine(report: RobotReport, model: Path, keys: Tagged) -> None:
     if touching:
         pairs = ", ".join(f"[{a}, {b}]" for a, b in [*ignored, *touching])
         report.missing["ignored_collisions"] = f"ignored_collisions: [{pairs}]"
-    report.notes += _remarks(robot, tree)
+    report.notes += _remarks(robot, tree, wrong)
 
 
 def _add_arms(report: RobotReport, values: Tagged, tree: ModelTree) -> None:
@@ -228,9 +318,6 @@ def _add_arms(report: RobotReport, values: Tagged, tree: ModelTree) -> None:
             report.missing["held_joints"] = f"held_joints: {{{', '.join(f'{k}: {v:g}' for k, v in held.items())}}}"
     if not isinstance(values["arm_joints"], list) or not values["arm_joints"]:
         raise invalid("arm_joints", values["arm_joints"], "a list of joint names")
-    for name in map(str, values["arm_joints"]):
-        if name not in known:
-            raise unknown("joint", name, known)
     if "arms" not in values and "flange_frame" not in values:
         last = values["arm_joints"][-1] if values["arm_joints"] else ""
         if last in known:
@@ -256,11 +343,11 @@ def _proposed(robot: Understood) -> dict[str, str]:
     }
 
 
-def _remarks(robot: Understood, tree: ModelTree) -> Iterator[str]:
+def _remarks(robot: Understood, tree: ModelTree, wrong: Collection[str]) -> Iterator[str]:
     plant, parts, arm_joints = robot.explorer.plant, robot.explorer.parts, robot.parameters.arm_joints
     there = [joint.name() for joint in tree.moving if plant.HasJointNamed(joint.name())]
     loose = [name for name in there if name not in arm_joints]
-    if loose:
+    if loose and not {"held_joints", "arm_joints", "arms"} & set(wrong):
         yield f"joints {', '.join(loose)} are neither of an arm nor held: they move freely"
     for name, inertia in zip(arm_joints, robot.found.inertia, strict=True):
         if inertia < _NO_INERTIA:

@@ -252,12 +252,79 @@ MISTAKES = [
     (_gone, "model = 'plan.urdf': there is no such file"),
     (
         _stuck,
-        "planar.control.yaml: coulomb_friction = [0.0, 10000.0, 0.0]: must be with friction_offset below the torque",
+        "planar.control.yaml:16: coulomb_friction = [0.0, 10000.0, 0.0]: must be with friction_offset below the torque",
     ),
     (_sdf, "arm.sdf: cannot be read"),
     (_mujoco, "arm.xml"),
     (_binary, "arm.urdf: cannot be read: not valid XML"),
 ]
+
+
+ALL_WRONG = {
+    "arm_joints: [shoulder, elbow, wrist]": "arm_joints: [shoulder, elbw, wrist]",
+    "flange_frame: hand": "flange_frame: hnad",
+    "default_posture_deg: [10, 60, -20]": "default_posture_deg: [10, 60]",
+    "soft: [1000, 800, 600]": "soft: [1000, 800]",
+    "natural_frequency: 50, damping_ratio: 0.9": "natural_frequency: -3",
+    "characteristic_length: 0.5\n": "",
+    "viscous_friction: [0, 0, 0]": "nonsense: 3\nheld_joints: {slide: 9}\nignored_collisions: [[hand, palm]]",
+}
+TOLD = [
+    "2: model = 'plan.urdf': there is no such file",
+    "5: arm_joints.1: unknown joint 'elbw': did you mean 'elbow'? known: ",
+    "4: flange_frame: unknown flange_frame of planar 'hnad': did you mean 'hand'? known: ",
+    "6: default_posture_deg = [10.0, 60.0]: must be 3 finite numbers",
+    "8: joint_stiffness.soft = [1000.0, 800.0]: must be 3 finite numbers",
+    "12: reference_filter.natural_frequency = -3.0: must be from 0.1 to 1e4",
+    "17: nonsense: unknown key 'nonsense': known: ",
+    "18: held_joints.slide = 9.0: must be within the joint's limits, -3 to 3 [rad, m]",
+    "19: ignored_collisions: unknown link of planar 'palm': known: ",
+]
+
+
+def test_all_that_is_wrong_is_told_beside_all_that_is_missing(tmp_path):
+    text = "# a comment\n" + CONTROL.replace("planar.urdf", "plan.urdf")
+    for right, wrong in ALL_WRONG.items():
+        assert right in text
+        text = text.replace(right, wrong)
+    report = examine_robot(write_planar_robot(tmp_path, text))
+    for told in TOLD:
+        assert [each.startswith(f"planar.control.yaml:{told}") for each in report.problems].count(True) == 1, told
+    assert len(report.problems) == len(TOLD)
+    assert list(report.missing) == ["reference_filter", "characteristic_length"]
+    assert not any("move freely" in note for note in report.notes)
+    assert report.robot.parameters.arm_joints == ["shoulder", "elbow", "wrist"]
+
+
+def test_what_is_missing_is_counted_though_the_robot_cannot_be_used(tmp_path, forcectl):
+    folder = write_planar_robot(tmp_path / "robot", "arm_joints: [slide, slide]\nflange_frame: hand\n")
+    report = examine_robot(folder)
+    assert report.problems == [
+        "planar.control.yaml:1: arm_joints = ['slide', 'slide']: must be different joint names, at least one"
+    ]
+    assert set(report.missing) >= {"model", "reference_filter", "period", "default_posture_deg"}
+    urdf = folder / "planar.urdf"
+    urdf.write_text(urdf.read_text().replace('<mass value="2"/>', '<mass value="0.01"/>'))
+    (folder / "planar.control.yaml").write_text("arm_joints: [shoulder, elbow, wrist]\ncharacteristic_length: 0.5\n")
+    report = examine_robot(folder)
+    assert report.robot is None
+    assert "period" in report.missing
+    assert "default_posture_deg: [0, 0, 0]  # a first guess, until nothing is wrong any more; far" in report.yaml()
+    urdf.write_text("<robot")
+    _, out, _ = forcectl("robot", "robot")
+    assert "robot: 1 problem; what is missing is told after that" in out
+
+
+def test_an_empty_file_is_as_none(tmp_path, forcectl):
+    folder = write_planar_robot(tmp_path / "robot", "")
+    report = examine_robot(folder)
+    assert report.problems == []
+    assert "planar.control.yaml is empty: as if there were none" in report.notes
+    (folder / "planar.control.yaml").unlink()
+    assert examine_robot(folder).missing == report.missing
+    (folder / "planar.control.yaml").write_text("# nothing yet\n")
+    with pytest.raises(BadInputError, match=r"^planar\.control\.yaml: model is missing: .*; period is missing: "):
+        RobotModel.load(folder, None)
 
 
 @pytest.mark.parametrize(("make", "message"), MISTAKES, ids=[make.__name__[1:] for make, _ in MISTAKES])
