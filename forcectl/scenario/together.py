@@ -120,6 +120,9 @@ def _check_forces(scenario: Scenario, period: float) -> None:
     """Forces of a scenario whose controller takes a desired force, and its laws at this tick [s]."""
     ranges = [sensor.range for sensor in scenario.station.sensors.values() if hasattr(sensor, "range")]
     limit, largest = min(ranges, default=np.inf), scenario.reference.largest_force()
+    if not 0 <= largest < np.inf:
+        text = f"largest_force must return a finite force that is not negative, not {largest:g} N"
+        raise BadInputError(text, key="reference")
     first = getattr(scenario.reference, "initial_force", 0.0)
     if first > limit:
         raise invalid("reference.initial_force", first, f"at most the sensor's range, {limit:g} N")

@@ -9,6 +9,7 @@ import pytest
 import forcectl as fc
 from forcectl.errors import ForcectlError
 from forcectl.framework.yaml_tree import Tagged, parse
+from forcectl.motion.references import StepConfig
 from forcectl.plant.sensors.joint_sensors import ReadingFault
 from forcectl.scenario.catalog import CONTRACTS, SLOTS
 from forcectl.tasks.coordinates import ArmTask
@@ -189,6 +190,23 @@ def test_a_stiffness_that_is_none_is_told_of_the_environment(stiffness: Any) -> 
     part.first_stiffness = stiffness
     told = refusal("environment", part)
     assert f"station.environment.first_stiffness = {stiffness!r}: must be a positive number" in told
+
+
+class Asks(StepConfig):
+    """A reference that says something else of its largest force."""
+
+    largest = 0.0
+
+    def largest_force(self) -> float:
+        return self.largest
+
+
+@pytest.mark.parametrize("largest", [-1.0, -float("inf")])
+def test_a_reference_asks_for_no_negative_force(largest: float) -> None:
+    reference = Asks(force=5.0)
+    reference.largest = largest
+    told = f"reference: largest_force must return a finite force that is not negative, not {largest:g} N"
+    assert told in refusal("reference", reference)
 
 
 @pytest.mark.parametrize(
