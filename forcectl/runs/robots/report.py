@@ -22,7 +22,7 @@ from forcectl.models import ROBOT_PARAMETERS, robot_folder
 from forcectl.robot.assumptions import ACCELERATION_TIME
 from forcectl.robot.checks import about_robot, check_drives, check_weight
 from forcectl.robot.model_file import ModelFile, add_models
-from forcectl.robot.parameters import PER_JOINT, ControlParameters, missing_limits, read_keys
+from forcectl.robot.parameters import DERIVED, PER_JOINT, ControlParameters, missing_limits, read_keys
 from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
 
 Array = NDArray[np.float64]
@@ -263,6 +263,7 @@ def _understand(report: RobotReport, model: Path, rest: Tagged, wrong: Collectio
         report.missing["period"], values["period"] = "period: 0.002", _FASTEST if "period" in wrong else 0.002
     # Some value, until the robot was moved.
     unknown = {text.partition(" ")[0] for text in missing_limits(values, model)}
+    unknown |= _endless(values, plant) if model.suffix.lower() != ".urdf" else set()
     unknown |= {"default_posture_deg", "characteristic_length"} - set(values)
     n = len(values["arm_joints"])
     some = {"velocity_limit": [_SPEED] * n, "torque_limit": [_TORQUE] * n, "characteristic_length": _LENGTH}
@@ -356,6 +357,18 @@ def _remarks(robot: Understood, tree: ModelTree, wrong: Collection[str]) -> Iter
         yield "some collision shapes are missing: links keep no distance and do not touch (link_distance: 0)"
     elif not any(plant.GetCollisionGeometriesForBody(plant.get_body(BodyIndex(i))) for i in range(plant.num_bodies())):
         yield "there are no collision shapes: links keep no distance and do not touch (link_distance: 0)"
+
+
+def _endless(values: Tagged, plant: MultibodyPlant) -> set[str]:
+    """Limits that an SDF or MuJoCo file does not give; of URDF files see `missing_limits`."""
+    if all(name in values for name in DERIVED):
+        return set()
+    names = [name for name in map(str, values["arm_joints"]) if plant.HasJointNamed(name)]
+    actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    efforts = {each.joint().name(): each.effort_limit() for each in actuators}
+    speeds = [limit for name in names for limit in plant.GetJointByName(name).velocity_upper_limits()]
+    limits = {"velocity_limit": speeds, "torque_limit": [efforts.get(name, np.inf) for name in names]}
+    return {key for key, numbers in limits.items() if key not in values and not np.isfinite(numbers).all()}
 
 
 def _within(plant: MultibodyPlant, names: Sequence[str]) -> list[float]:

@@ -35,7 +35,11 @@ def print_robot(report: RobotReport, console: Console) -> None:
         console.print(escape(report.yaml()), highlight=False, soft_wrap=True)
         console.print()
     found = f"{len(report.problems)} problem{'s' * (len(report.problems) != 1)}"
-    count = f"{len(report.missing)} missing, {found}" if report.read else f"{found}; what is missing is told after that"
+    count = (
+        f"{len(report.missing)} missing, {found}"
+        if report.read
+        else f"{found}; what else is missing is told after that"
+    )
     said = "complete" if report.complete else count
     console.print(f"[{'green' if report.complete else 'yellow'}]{escape(str(report.folder))}: {said}[/]")
 

@@ -312,7 +312,20 @@ def test_what_is_missing_is_counted_though_the_robot_cannot_be_used(tmp_path, fo
     assert "default_posture_deg: [0, 0, 0]  # a first guess, until nothing is wrong any more; far" in report.yaml()
     urdf.write_text("<robot")
     _, out, _ = forcectl("robot", "robot")
-    assert "robot: 1 problem; what is missing is told after that" in out
+    assert "robot: 1 problem; what else is missing is told after that" in out
+
+
+def test_limits_that_no_mujoco_file_gives_are_missing(tmp_path):
+    joint = '<joint name="{0}" axis="{1}" range="-90 90" limited="true"/><geom size="0.05" mass="2" pos="0.1 0 0"/>'
+    outer = f'<body name="hand" pos="0.3 0 0">{joint.format("elbow", "0 1 0")}</body>'
+    arm = f'<body name="arm" pos="0 0 0.3">{joint.format("shoulder", "0 0 1")}{outer}</body>'
+    (tmp_path / "arm.xml").write_text(f'<mujoco model="arm"><worldbody>{arm}</worldbody></mujoco>')
+    report = examine_robot(tmp_path)
+    assert report.problems == []
+    assert report.missing["velocity_limit"] == "velocity_limit: [2, 2]"
+    assert "torque_limit" in report.missing
+    (tmp_path / "my.control.yaml").write_text(report.yaml())
+    assert examine_robot(tmp_path).complete
 
 
 def test_an_empty_file_is_as_none(tmp_path, forcectl):
