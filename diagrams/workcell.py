@@ -17,7 +17,7 @@ from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
 from forcectl.framework.wiring import add_part, made_by
 from forcectl.plant.compliance import compliance_along, robot_compliance
-from forcectl.plant.contact.compliant_contact import EnvironmentConfig, contact_response
+from forcectl.plant.contact.compliant_contact import contact_response
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.pairs.pair_contact import PairContactPart
 from forcectl.plant.contact.part import PartConfig
@@ -72,8 +72,8 @@ class Contact:
     @property
     def own_force(self) -> bool:
         """Whether a block of the environment's own makes the force, not the contact that this fidelity has for it."""
-        adds = getattr(self.environment, "add_to", None)
-        return adds is not None and getattr(adds, "__func__", None) is not EnvironmentConfig.add_to
+        own: bool = getattr(self.environment, "own_block", hasattr(self.environment, "add_to"))
+        return own
 
     @property
     def gap(self) -> float:

@@ -40,11 +40,10 @@ from forcectl.diagrams.mechanics.station_parts import add_pairs, add_parts, appl
 from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add_surface, feed_contact, is_uniform
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
-from forcectl.errors import BadInputError, about, invalid
+from forcectl.errors import BadInputError, about
 from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.framework.wiring import Enclosed, add_part, stacked
 from forcectl.motion.loads import add_loads, loaded_frames
-from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
 from forcectl.plant.tip_kinematics import TipDisplacement
 from forcectl.plant.tip_load import HeldPart, LoadTruth, TipLoad
@@ -67,21 +66,13 @@ class MultibodyFidelity:
         """
         check_one_sided(workcell)
         for contact in workcell.contacts:
-            if contact.own_force and isinstance(contact.environment, EnvironmentConfig):
+            if contact.own_force and hasattr(contact.environment, "check_own_block"):
                 with about(contact.environment):
-                    _check_own(contact.environment)
+                    contact.environment.check_own_block()
 
     def build(self, workcell: Workcell, seed: int) -> Diagram:
         """The station."""
         return MultibodyStation(workcell, seed)
-
-
-def _check_own(config: EnvironmentConfig) -> None:
-    why = "where add_to is one's own: its block is a force along the normal"
-    if config.friction:
-        raise invalid("friction", config.friction, f"0 {why}")
-    if config.surface.turning:
-        raise invalid("surface.turning", True, f"false {why}")
 
 
 class MultibodyStation(PythonDiagram):

@@ -319,6 +319,19 @@ class EnvironmentConfig(Config, in_batches=True):
         return float(materials.along(materials.stiffness, 0.0))
 
     @property
+    def own_block(self) -> bool:
+        """Whether a subclass has an `add_to` of its own, whose block makes the force on every fidelity."""
+        return type(self).add_to is not EnvironmentConfig.add_to
+
+    def check_own_block(self) -> None:
+        """BadInputError for what the block of a subclass cannot be in a multibody plant."""
+        why = "where add_to is one's own: its block is a force along the normal"
+        if self.friction:
+            raise invalid("friction", self.friction, f"0 {why}")
+        if self.surface.turning:
+            raise invalid("surface.turning", True, f"false {why}")
+
+    @property
     def contact_values(self) -> tuple[float | None, float | None]:
         """K_E and D_E as `CompliantContact` takes them: None where they come from ports."""
         materials = self.surface.materials
