@@ -10,6 +10,7 @@ from scipy.signal import dlsim
 
 import forcectl as fc
 from forcectl.estimation.force_estimator import ForceEstimatorConfig
+from forcectl.framework.yaml_tree import Tagged
 from forcectl.motion.joint_path import DitherConfig, JointMovesConfig
 from forcectl.motion.loads import LoadConfig
 from forcectl.robot.model import RobotModel
@@ -28,7 +29,8 @@ def scenario(**estimators: ForceEstimatorConfig) -> dict[str, object]:
 
 @pytest.mark.parametrize("frame", ["tcp", "robot_base", "left_link_4"])
 def test_a_wrench_in_other_axes_is_that_in_the_world_turned(frame: str) -> None:
-    log = fc.run(scenario(world=ForceEstimatorConfig(), turned=ForceEstimatorConfig(expressed_in=frame))).log
+    both = scenario(world=ForceEstimatorConfig(), turned=ForceEstimatorConfig(expressed_in=frame))
+    log = fc.run(both | {"signals": {"estimated_torque": Tagged({"part": "world"}, "From")}}).log
     robot = RobotModel.load(*ROBOT)
     context = robot.create_context()
     rows = np.flatnonzero(np.linalg.norm(log["estimated_wrench"].values, axis=1) > 2.0)[::7]
