@@ -248,7 +248,6 @@ MISBEHAVE: dict[tuple[str, str], dict[str, set[str]]] = {
     ("fig_3_7", "alpha = 0.3"): on(["Kinematic", "OneDimensional"], "contact_lost", "limit_cycle"),
     ("fig_3_8", "alpha = 0.5"): on(["Multibody"], "limit_cycle"),
     # Where there is a largest force, the guard holds that of the first touch.
-    ("first_touch", "governed VRFT, 50 mm/s on 1e4 N/m"): on(["Multibody"], "not_settled"),
     ("first_touch", "governed VRFT, 50 mm/s on 1e4 N/m"): on(["Multibody"], "limit_cycle"),
     ("first_touch", "at most 30 N, 90 mm/s on 1e4 N/m"): on(_EVERY, "guarded"),
     ("first_touch", "at most 30 N, 29 mm/s on 1e5 N/m"): on(_EVERY, "guarded"),
