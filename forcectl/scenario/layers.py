@@ -240,8 +240,9 @@ def locate_files(tree: Tree, folder: Path) -> None:
     station = tree.get("station") if isinstance(tree, Tagged) else None
     if isinstance(station, Tagged):
         tool = station.get("tool")
-        for part, name in ((station, "robot"), (station, "tool"), *((tool, arm) for arm in tool or ())):
-            if isinstance(part, Tagged) and isinstance(path := part.get(name), str):
+        arms = tool if isinstance(tool, Tagged) else Tagged()
+        for part, name in ((station, "robot"), (station, "tool"), *((arms, arm) for arm in arms)):
+            if isinstance(path := part.get(name), str):
                 part[name] = found_beside(folder, path)
     _locate(tree, folder)
 

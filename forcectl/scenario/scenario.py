@@ -21,7 +21,6 @@ from forcectl.analysis.slot import check_figures, check_metrics, read_only, run_
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.model import ModelConfig, Setting
 from forcectl.diagrams.station import StationConfig
-from forcectl.doctor.loops import loop_behind
 from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, parts_of, unknown
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
@@ -349,6 +348,8 @@ def build(
         kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
         reason = " ".join(str(error).split())[:300]
         origin = where(key) or f"scenario {scenario.title!r}"
+        from forcectl.doctor.loops import loop_behind  # takes a while
+
         fault = loop_behind(error, parts_of(error)) or BadInputError(f"cannot be built: {kind}{reason}")
         raise fault.at(key, origin) from error
 

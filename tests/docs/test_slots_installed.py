@@ -170,6 +170,14 @@ def test_tags_of_an_installed_package_run(site: Path, tmp_path: Path, scenario: 
         assert (tmp_path / "result" / "figures" / "my_figure.png").exists()
 
 
+def announce(folder: Path, name: str, entry_points: str) -> None:
+    """An installed package in a folder that announces these entry points."""
+    info = folder / f"{name}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(entry_points)
+
+
 def test_they_are_listed_and_missed_by_name(site: Path, tmp_path: Path) -> None:
     listed = command(site, tmp_path, "list").stdout
     assert [tag for tags in ANNOUNCED.values() for tag in tags if tag not in listed] == []
@@ -182,11 +190,10 @@ def test_they_are_listed_and_missed_by_name(site: Path, tmp_path: Path) -> None:
 
 def test_a_package_that_announces_what_does_not_fit_is_told_in_one_line(site: Path, tmp_path: Path) -> None:
     """A tag that leads to a class of another slot, and one that leads nowhere."""
-    broken = tmp_path / "broken-1.0.dist-info"
-    broken.mkdir()
-    (broken / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    (broken / "entry_points.txt").write_text(
-        "[forcectl.reference]\nPeak = my_parts:Peak\nGone = my_parts:Gone\n[forcectl.drive]\nPeak = my_parts:Peak\n"
+    announce(
+        tmp_path,
+        "broken",
+        "[forcectl.reference]\nPeak = my_parts:Peak\nGone = my_parts:Gone\n[forcectl.drive]\nPeak = my_parts:Peak\n",
     )
     for text, told in (
         (
@@ -207,12 +214,11 @@ def test_a_package_that_announces_what_does_not_fit_is_told_in_one_line(site: Pa
 
 
 def test_what_a_package_announces_in_vain_is_told_and_the_rest_is_used(site: Path, tmp_path: Path) -> None:
-    vain = tmp_path / "vain-1.0.dist-info"
-    vain.mkdir()
-    (vain / "METADATA").write_text("Metadata-Version: 2.1\nName: vain\nVersion: 1.0\n")
-    (vain / "entry_points.txt").write_text(
+    announce(
+        tmp_path,
+        "vain",
         "[forcectl.controller]\nIntegral = my_parts:Creep\nWeird Name = my_parts:Creep\nNowhere = my_parts:Nope\n"
-        "[forcectl.sensors]\nDrifting = my_parts:DriftingSensor\n"
+        "[forcectl.sensors]\nDrifting = my_parts:DriftingSensor\n",
     )
     told = [
         "passed over: forcectl.controller: Integral = my_parts:Creep: !Integral is forcectl's own: must have",

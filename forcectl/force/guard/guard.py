@@ -15,6 +15,7 @@ from forcectl.force.guard.readings import LOOP, LoopMemory, read
 from forcectl.framework.batch import check
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import all_finite
+from forcectl.framework.wiring import input_names
 
 Array = NDArray[np.float64]
 
@@ -100,11 +101,10 @@ class ControllerGuard(PythonBlock):
         self._wrench = self.DeclareVectorInputPort("estimated_wrench", 6 * arms) if arms else None
         if self._wrench:
             reads.add(self._wrench.ticket())
-        names = [port.get_name() for port in (self.get_input_port(i) for i in range(self.num_input_ports()))]
         self.passed_elements = {
             ("desired_force", "forces"): range(loops),
             ("measured_force", "forces"): range(loops, 2 * loops),
-            **{(name, "guarded"): range(0) for name in names},
+            **{(name, "guarded"): range(0) for name in input_names(self)},
             ("command", "guarded"): range(self._m),
             ("command_rate", "guarded"): range(len(first), len(first) + self._m),
         }
