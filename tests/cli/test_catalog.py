@@ -32,7 +32,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(monkeypatch):
     monkeypatch.delenv(VARIABLE, raising=False)
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, "-m", "forcectl.cli", "list"]
+    command = [sys.executable, "-m", "forcectl", "list"]
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert done.stderr == ""

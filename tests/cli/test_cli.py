@@ -32,7 +32,7 @@ def test_commands_do_not_load_what_few_scenarios_need():
 
 
 def test_help_names_every_command():
-    done = subprocess.run([sys.executable, "-m", "forcectl.cli", "--help"], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-m", "forcectl", "--help"], capture_output=True, text=True, check=True)
     for command in COMMANDS:
         assert command in done.stdout
 

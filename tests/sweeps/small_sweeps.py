@@ -39,7 +39,7 @@ def write(folder: Path, name: str = "small", **keys) -> Path:
 def start(*arguments, **options) -> subprocess.Popen:
     """The command line in a process of its own."""
     environment = os.environ | {"OMP_NUM_THREADS": "1", "COLUMNS": "200"}
-    command = [sys.executable, "-m", "forcectl.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "forcectl", *map(str, arguments)]
     return subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
     )

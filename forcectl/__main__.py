@@ -1,4 +1,4 @@
-"""`python -m forcectl.cli`."""
+"""`python -m forcectl`."""
 
 from forcectl.cli import main
 
