@@ -129,5 +129,5 @@ def _print(report: Reproduction, verbose: bool) -> None:
     gaps = (f", known gaps: {known}" if known else "") + (f", known gaps out of date: {stale}" if stale else "")
     typer.echo(
         f"{judged - missed} of {judged} targets met{gaps}, drifted: {sum(v.drifted is True for v in every)}; results "
-        f"in {report.directory}: summary.json and one run per folder"
+        f"in {report.directory}: report.html, summary.json and one run per folder"
     )

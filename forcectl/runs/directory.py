@@ -34,6 +34,7 @@ from forcectl.interrupts import Interrupts
 FAILED = ".failed"
 INTERRUPTED = ".interrupted"
 SUMMARY = "summary.json"  # of a reproduction
+REPORT = "report.html"  # of a reproduction or a sweep
 DATA = ("scenario.yaml", "manifest.json", "metrics.json", "log.nc")  # of a run
 MARKS = ("manifest.json", SUMMARY)  # a folder with one of these was written by forcectl
 _PACKAGES = ("drake", "numpy", "scipy", "xarray", "h5netcdf", "h5py")

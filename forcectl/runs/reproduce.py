@@ -4,7 +4,7 @@ Writes, under the output directory, one run directory per experiment and fidelit
 `summary.json`: {experiment: {target: {published, ours, deviation, tolerance, pass, expected, drift}}}. Targets of an
 experiment that runs on several fidelities end in the fidelity, in brackets; `pass` is null for a value that is reported
 but not judged there, `drift` for one without an expected number there. A line that is known to be missed has its reason
-as `gap`; one that is met after all is reported as out of date.
+as `gap`; one that is met after all is reported as out of date. In the end `report.html` shows them with the figures.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from forcectl.runs.claims.claim import Claim, Numbered, Place, claimed
 from forcectl.runs.claims.kept import kept
 from forcectl.runs.claims.lock import StorageError, locked, writing
 from forcectl.runs.directory import INTERRUPTED, SUMMARY, is_complete, made_alike, made_of, write_json
+from forcectl.runs.pages.reproduction import write_page
 from forcectl.runs.result import StoppedRunError
 from forcectl.runs.run import check_overrides, finish, keep_variant, resolved_text, variant_made_of, verdicts_on
 from forcectl.runs.simulate import VariantOutcome, simulate
@@ -157,6 +158,8 @@ def reproduce(
                 for i, variant, outcome in done:
                     interrupts.check()
                     work.take(i, variant, outcome)
+                if directory is not None:
+                    write_page(directory, work.result())
         except KeyboardInterrupt:
             stack.close()
             raise _interrupted(work, len(parts)) from None

@@ -18,6 +18,7 @@ from forcectl.runs.reproduce import InterruptedReproductionError
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.layers import select_variants
 from tests.examples.experiment_runs import run_experiment, run_variant
+from tests.examples.html_page import Page
 
 QUICK = """
 title: Quick
@@ -92,9 +93,11 @@ def test_variants_and_fidelities_run_in_processes_and_are_judged(files, monkeypa
         "published: 100",
         "missed",
         "4 of 8 targets met",
-        "results in here",
+        "results in here: report.html, summary.json and one run per folder",
     ):
         assert " ".join(part.split()) in " ".join(output.out.split())
+    report = Page((files / "here" / "report.html").read_text())
+    assert [row["missed"] for row in report.table("experiment")] == ["1", "1", "2"]
     assert "pass" not in output.out  # that is told with -v
 
 
@@ -315,7 +318,7 @@ def test_an_interrupted_reproduction_goes_on_where_it_stopped(files, warm, witho
     assert report.notes == ["1 of 2 had finished before, and 1 variants of others: not run again"]
     assert [share for _, share in seen] == pytest.approx([2 / 3, 1.0])
     assert (files / "here" / "plain" / "OneDimensional" / "log.nc").stat().st_mtime_ns == log
-    assert sorted(path.name for path in (files / "here").iterdir()) == ["loop", "plain", "summary.json"]
+    assert sorted(path.name for path in (files / "here").iterdir()) == ["loop", "plain", "report.html", "summary.json"]
     assert [path.name for path in (files / "here" / "loop").iterdir()] == ["OneDimensional"]
     whole = fc.run("loop.yaml", fidelity="OneDimensional")
     assert report.parts[1].metrics == whole.metrics

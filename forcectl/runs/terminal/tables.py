@@ -130,8 +130,8 @@ def verdict_table(verdicts: Sequence[Verdict], title: str = "", width: int = 80)
     for column, least in (("allowed", 12), ("verdict", 8), ("drift", 10)):
         table.add_column(column, min_width=least)
     for v in verdicts:
-        said = _said(v, "\n")
-        note = f"\n[dim]{escape(said)}[/]" if said else ""
+        words = said(v, "\n")
+        note = f"\n[dim]{escape(words)}[/]" if words else ""
         deviation = "" if v.deviation is None else number(v.deviation)
         cells = (published(v), number(v.ours), deviation, v.unit, v.tolerance)
         table.add_row(escape(v.target) + note, *map(escape, cells), verdict(v), drift(v))
@@ -144,11 +144,11 @@ def in_words(v: Verdict) -> str:
     if v.drifted:
         told.append(f"drifted from {number(v.expected)}")
     ours = f"{number(v.ours)} {v.unit}".rstrip() if v.ours is not None else number(None)
-    said = _said(v, "; ")
-    return f"{v.target}: {ours} ({'; '.join(told)}){f': {said}' if said else ''}"
+    words = said(v, "; ")
+    return f"{v.target}: {ours} ({'; '.join(told)}){f': {words}' if words else ''}"
 
 
-def _said(v: Verdict, between: str) -> str:
+def said(v: Verdict, between: str) -> str:
     """What there is to say of a verdict: its note, and why it is known to be missed, or that it no longer is."""
     begin = "met, so that its known gap is out of date" if v.stale else "met at its bound" if v.passed else "known gap"
     gap = f"{begin}: {v.gap}" if v.gap and v.passed is not None else ""

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, PackageLoader
-
 from forcectl.errors import BadInputError
+from forcectl.runs.directory import REPORT
+from forcectl.runs.pages.layout import rendered
 from forcectl.sweeps.report import content
 from forcectl.sweeps.report.figures import draw, write_figures
 from forcectl.sweeps.report.panels import Drawn
@@ -20,7 +20,6 @@ from forcectl.sweeps.study import Study
 if TYPE_CHECKING:
     import pandas as pd
 
-REPORT = "report.html"
 _LARGE = 200_000  # [B] of an SVG, from which the page has the PNG
 _MOST = 2_000_000  # [B] of all figures within the page; further ones are beside it
 
@@ -45,10 +44,9 @@ def write_report(
     identity: dict[str, Any] = {}
     with contextlib.suppress(BadInputError):  # a table that was made without running the sweep
         identity = identity_of(results.folder)
-    template = Environment(
-        loader=PackageLoader("forcectl.sweeps.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    ).get_template("report.html.j2")
-    text = template.render(
+    text = rendered(
+        "forcectl.sweeps.report",
+        "report.html.j2",
         title=study.config.title or study.name,
         description=study.config.description,
         states=content.states(study, table),

@@ -1,0 +1,119 @@
+"""The page of a reproduction: every target beside what is published, and the figures of every experiment."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+from rich.text import Text
+
+from forcectl.runs.claims.lock import writing
+from forcectl.runs.directory import FAILED, REPORT, write_file
+from forcectl.runs.pages.layout import rendered
+from forcectl.runs.terminal.tables import drift, number, published, said, verdict
+from forcectl.scenario.expectations import Verdict
+
+if TYPE_CHECKING:
+    from forcectl.runs.reproduce import PartReport, Reproduction
+
+_MOST = 12_000_000  # [B] of all figures within the page; further ones are beside it
+_FILES = ("scenario.yaml", "metrics.json", "log.nc", "manifest.json", "diagram.html", "diagram.svg")
+
+
+@dataclass(frozen=True)
+class _Figure:
+    """A figure.
+
+    Attributes:
+        name: in words.
+        address: of its files, without the ending.
+        content: itself as an address; "" where the page has no place for it.
+    """
+
+    name: str
+    address: str
+    content: str
+
+
+def write_page(directory: Path, result: Reproduction) -> Path:
+    """Write a reproduction as HTML, one file that needs no network; files of the runs are linked. Returns its path.
+
+    Args:
+        directory: of the reproduction, with one folder for each run.
+        result: what came of it.
+
+    Raises:
+        StorageError: the directory cannot be written.
+    """
+    with writing(directory):
+        write_file(directory / REPORT, _page(directory, result).encode())
+    return directory / REPORT
+
+
+def _page(directory: Path, result: Reproduction) -> str:
+    every = [v for part in result.parts for v in part.verdicts]
+    judged, met, gaps, missed, drifted = _counts(every)
+    counts = [("judged", judged), ("targets met", met), ("known gaps", gaps), ("missed", missed), ("drifted", drifted)]
+    left = [_MOST]
+    return rendered(
+        "forcectl.runs.pages",
+        "reproduction.html.j2",
+        counts=counts,
+        notes=result.notes,
+        parts=[_section(directory, part, left) for part in result.parts],
+    )
+
+
+def _counts(verdicts: Sequence[Verdict]) -> tuple[int, int, int, int, int]:
+    """How many are judged, met, missed as is known, missed otherwise, and have drifted."""
+    judged = [v for v in verdicts if v.passed is not None]
+    missed = [v for v in judged if not v.passed]
+    known = sum(bool(v.gap) for v in missed)
+    return len(judged), len(judged) - len(missed), known, len(missed) - known, sum(bool(v.drifted) for v in verdicts)
+
+
+def _section(directory: Path, part: PartReport, left: list[int]) -> dict[str, object]:
+    folder = directory / part.experiment / part.fidelity
+    if not folder.is_dir():
+        folder = folder.with_name(folder.name + FAILED)
+    return {
+        "anchor": f"{part.experiment}-{part.fidelity}".replace(" ", "-"),
+        "experiment": part.experiment,
+        "title": part.title or part.experiment,
+        "fidelity": part.fidelity,
+        "counts": _counts(part.verdicts),
+        "rows": [_row(v) for v in part.verdicts],
+        "figures": [_figure(directory, path, left) for path in sorted((folder / "figures").glob("*.png"))],
+        "files": [(name, _address(directory, folder / name)) for name in _FILES if (folder / name).is_file()],
+    }
+
+
+def _row(v: Verdict) -> dict[str, str]:
+    return {
+        "target": v.target,
+        "published": published(v),
+        "ours": number(v.ours),
+        "deviation": "" if v.deviation is None else number(v.deviation),
+        "unit": v.unit,
+        "allowed": v.tolerance,
+        "verdict": Text.from_markup(verdict(v)).plain,
+        "drift": Text.from_markup(drift(v)).plain,
+        "remark": said(v, "; "),
+        "state": "missed" if v.surprising else "pass" if v.passed else "",
+    }
+
+
+def _figure(directory: Path, path: Path, left: list[int]) -> _Figure:
+    """A figure, taken into the page while there is place for it: `left` counts it down [B]."""
+    content = path.read_bytes() if path.stat().st_size <= left[0] else b""
+    left[0] -= len(content)
+    within = f"data:image/png;base64,{base64.b64encode(content).decode()}" if content else ""
+    return _Figure(path.stem.replace("_", " "), _address(directory, path.with_suffix("")), within)
+
+
+def _address(directory: Path, path: Path) -> str:
+    return quote(path.relative_to(directory).as_posix())
