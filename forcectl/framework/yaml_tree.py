@@ -92,6 +92,7 @@ _SCALARS = (
         list("-+.0123456789"),
     ),
 )
+_ZERO_BEFORE = re.compile(r"[-+]?0[0-9]")
 for _class in (_Loader, _Dumper):
     _class.yaml_implicit_resolvers = {}
     for _name, _pattern, _first in _SCALARS:
@@ -133,15 +134,24 @@ def _construct_tagged(loader: _Loader, suffix: str, node: yaml.Node) -> Any:
     return _construct_mapping(loader, node, suffix)
 
 
+def _number(node: yaml.ScalarNode) -> str:
+    """The text of a number; that of one with a zero before it is octal in YAML 1.1 and decimal in YAML 1.2."""
+    if _ZERO_BEFORE.match(node.value):
+        shown = node.value[:40]
+        raise _refusal(node, f"{shown} begins with a zero: write the number without it, or '{shown}' for text")
+    return node.value
+
+
 def _construct_int(loader: _Loader, node: yaml.ScalarNode) -> int | float:
     # Python refuses to read (and to print) whole numbers of thousands of digits; as floats they are just infinite.
-    return int(node.value) if len(node.value) < 300 else float(node.value)
+    text = _number(node)
+    return int(text) if len(text) < 300 else float(text)
 
 
 _Loader.add_constructor("tag:yaml.org,2002:map", _construct_mapping)
 _Loader.add_constructor("tag:yaml.org,2002:int", _construct_int)
 _Loader.add_constructor(
-    "tag:yaml.org,2002:float", lambda loader, node: float(re.sub(r"\.(?=[a-zA-Z])", "", node.value.lower()))
+    "tag:yaml.org,2002:float", lambda loader, node: float(re.sub(r"\.(?=[a-zA-Z])", "", _number(node).lower()))
 )
 _Loader.add_multi_constructor("!", _construct_tagged)
 

@@ -37,14 +37,14 @@ def same(a, b):
 
 def test_scalars_follow_yaml_1_2():
     tree = parse(
-        "{a: 2e5, b: 1e-3, c: on, d: no, e: 0123, f: 1:30, g: .5, h: -3, i: true, j: null, k: 2020-01-01}", "f"
+        "{a: 2e5, b: 1e-3, c: on, d: no, e: 0x10, f: 1:30, g: .5, h: -3, i: true, j: null, k: 2020-01-01}", "f"
     )
     assert tree == {
         "a": 2e5,
         "b": 1e-3,
         "c": "on",
         "d": "no",
-        "e": 123,
+        "e": "0x10",
         "f": "1:30",
         "g": 0.5,
         "h": -3,
@@ -128,6 +128,8 @@ def test_later_overrides_win_and_python_values_are_accepted():
         ("? {a: 1}\n: 2", "unhashable"),
         ("a: \x00", "not allowed"),
         ("a: !!int x", "invalid literal"),
+        ("a: 010", "010 begins with a zero: write the number without it, or '010' for text (line 1, column 4)"),
+        ("a:\n  - -00.5", "-00.5 begins with a zero: write the number without it, or '-00.5' for text (line 2"),
         ('a: "x\\0y"', "control character"),
         ('a: "\\x9b31m"', "control character"),
         ('"\\ud800": 1', "control character"),
