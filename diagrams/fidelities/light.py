@@ -76,6 +76,10 @@ def _check_parts(workcell: Workcell, name: str) -> None:
         raise BadInputError(f" has boxes ({', '.join(workcell.obstacles)}): must have {needs}", key="environment")
     if workcell.parts:
         raise BadInputError(f" has parts ({', '.join(workcell.parts)}): must have {needs}", key="environment")
+    if workcell.config.self_collision:
+        raise BadInputError(
+            f" = true: must be false or left out, or have {needs}: here no links touch", key="self_collision"
+        )
     for key in ("loads", "faults"):
         if getattr(workcell.config, key):
             raise BadInputError(f"must be empty, or have {needs}", key=key)

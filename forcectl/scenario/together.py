@@ -15,6 +15,7 @@ from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
 from forcectl.motion.loads import loaded_frames
 from forcectl.scenario.catalog import tags_of
+from forcectl.scenario.effects import check_effects, check_surfaces
 
 if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from forcectl.scenario.scenario import Scenario
 
 LONGEST_DURATION = 86_400.0  # [s]
-_STARTS = ("start", "start_time", "tare_start", "times", "released_at")  # keys that hold when something begins [s]
+# Keys that hold when something begins [s].
+_STARTS = ("start", "start_time", "tare_start", "time", "times", "released_at")
 # Keys of what takes a while to begin [s].
 _LASTS = {
     "controller": ("hold",),
@@ -32,11 +34,13 @@ _LASTS = {
     "analyses": ("begin",),
 }
 _OUTLASTS = 20  # times the run, that a motion, or a file of a reference, may last
-_TIMED = ("station", "estimators", "reference", "motion")  # keys of parts in which they count from the start of the run
+# Keys of parts in which they count from the start of the run.
+_TIMED = ("controller", "station", "estimators", "reference", "motion")
 _RATES = ("integral_gain", "observer_bandwidth", "adaptation_rate")  # of a law, with which its command changes
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
 _LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
 _FAR = 10.0  # times the torque of a motor
+_LEAST_SHARE = 0.1  # of the desired force, that a governor may keep it below; less is a slip of the unit
 _DEEPEST = 0.3  # [m] into the surface; most laws stop at 0.1, which is a finding of the run
 _ALONG = 0.9  # cosine of the angle from the tool's axis to the normal
 _PARALLEL = 1e-3  # sine of the angle
@@ -78,7 +82,7 @@ def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
         if (last := scenario.reference.last_time()) > latest:
             text = f" ends at {last:g} s: must end before {latest:g} s, {_OUTLASTS} times duration; times are in s"
             raise BadInputError(text, key="reference.path")
-    _check_effects(scenario)
+    check_effects(scenario)
     _check_directions(scenario)
     _check_expectations(scenario)
 
@@ -99,6 +103,7 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
         raise invalid("after_end", scenario.after_end, "null: there is no state machine that ends")
     for name, analysis in scenario.analyses.items():
         check_fits(analysis, loop.signals, loop.setting, f"analyses.{name}")
+    check_surfaces(scenario, loop)
     _check_frequencies(scenario, loop.workcell.period)
     _check_loads(scenario, loop)
     if "desired_force" in loop.signals:
@@ -138,7 +143,7 @@ def _check_forces(scenario: Scenario, period: float) -> None:
     learns = getattr(scenario.controller, "minimum_force", 0.0)
     if learns >= limit:
         raise invalid("controller.minimum_force", learns, f"below the sensor's range, {limit:g} N")
-    for key, law in _laws(scenario.controller):
+    for key, law in _configs(scenario.controller, "controller"):
         for name in ("dead_zone", "rest_region"):
             least = getattr(law, name, 0.0)
             if least and least >= largest > 0:
@@ -167,6 +172,8 @@ def _check_forces(scenario: Scenario, period: float) -> None:
         if field.name == "upper_limit" and value < largest:
             allowed = f"at least the largest desired force, {largest:g} N: upper_force is what keeps below it"
             raise invalid(key, value, allowed)
+        if field.name == "upper_force" and value < (least := _LEAST_SHARE * largest):
+            raise invalid(key, value, f"at least {least:g} N, a tenth of the largest desired force")
     stated = scenario.findings.largest_force
     if stated is not None and stated < largest:
         raise invalid("findings.largest_force", stated, f"at least the largest desired force, {largest:g} N")
@@ -192,13 +199,6 @@ def _check_loads(scenario: Scenario, loop: Loop) -> None:
             frame = loaded_frames([load], robot)[load.body] if load.body else own.tcp_frame
             torque = robot.jacobian_of(robot.context_at(start), frame).T @ wrench
             robot.check_torque(f"station.loads.{i}.wrenches.{k}", wrench, torque, factor=_FAR)
-
-
-def _laws(controller: Any) -> Iterator[tuple[str, Any]]:
-    """A controller, and the law behind a guarded move, by dotted key."""
-    yield "controller", controller
-    if hasattr(controller, "touch_speed"):
-        yield "controller.law", controller.law
 
 
 def _check_rate(key: str, law: Any, period: float) -> None:
@@ -275,31 +275,12 @@ def _where(scenario: Scenario, part: Any) -> str:
     return next((key for key, each in _configs(scenario.station, "station") if each is part), "station.environment")
 
 
-def _check_effects(scenario: Scenario) -> None:
-    """What a file says has an effect in this scenario."""
-    station = scenario.station
-    if not station.elastic_joints:
-        for name, none in (("stiffness_set", ""), ("stiffness_scale", 1.0)):
-            if (value := getattr(station, name)) != none:
-                raise invalid(f"station.{name}", value, "left out with elastic_joints = false: rigid joints have none")
-    servo: Any = getattr(station.drive, "servo", None)
-    for field in fields(servo) if getattr(servo, "ideal", False) else ():
-        given = getattr(servo, field.name)
-        none = given == 0.0 and "friction" in field.name
-        if not none and field.name != "ideal" and given != default_of(field):
-            key = f"station.drive.servo.{field.name}"
-            raise invalid(key, given, "left out with ideal = true: an ideal servo has no loops and no friction")
-
-
 def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
     """Dotted keys of when something begins, and that time [s]."""
-    for key, field, start in _values(scenario.controller, "controller", "s"):
-        if field.name == "time":  # of a target
-            yield key, start
     for name in _TIMED:
         for key, field, start in _values(getattr(scenario, name), name, "s"):
-            if field.name not in _STARTS:
-                continue
+            if field.name not in _STARTS or (name == "controller" and start == default_of(field)):
+                continue  # a default of a controller may be that of moves which it does not make
             if isinstance(start, list):
                 each = start if name == "reference" else start[:1]  # the last speed of a motion lasts on
                 yield from ((f"{key}.{i}", float(time)) for i, time in enumerate(each))

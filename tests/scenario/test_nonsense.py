@@ -134,7 +134,7 @@ REFUSED = [
     ("controller: !FourthDegreeInvariance {damping_ratio: 1e-3}", "controller.damping_ratio = 0.001: must be from 0.0"),
     ("controller: !Governed {upper_limit: -5}", "controller.upper_limit = -5.0: must be positive or infinite"),
     # forces
-    ("controller: !Governed {upper_force: -1}", "controller.upper_force = -1.0: must be positive"),
+    ("controller: !Governed {upper_force: 1}", "build", "controller.upper_force = 1.0: must be at least 1.5 N, a"),
     ("controller: !Approach {speed: 5}", "controller.speed = 5.0: must be above 0 and at most 1"),
     ("controller: !Approach {touch_speed: 5}", "controller.touch_speed = 5.0: must be above 0 and at most 1"),
     ("reference: {initial_force: 9e4, start_time: 1}", "build", "reference"),

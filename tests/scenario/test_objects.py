@@ -221,7 +221,10 @@ WALL = WallConfig(arm="left", point=[0, 0, 0.01], normal=[0, 0, 1])
 FURTHER = {
     "surface": (
         Asked(WaveConfig(), "heights"),
-        lambda part: pressing(environment=EnvironmentConfig(surface=SurfaceConfig(heights={"mine": part}))),
+        lambda part: (
+            pressing(environment=EnvironmentConfig(surface=SurfaceConfig(heights={"mine": part})))
+            | {"motion": TangentialMotionConfig(distance=1e-4)}
+        ),
     ),
     "signal": (Asked(FromConfig(part="station"), "choose"), lambda part: {"signals": {"measured_force": part}}),
     "load": (
