@@ -50,6 +50,8 @@ class LoadConfig(Config):
             raise invalid("wrenches", self.wrenches, "at least one wrench")
         if not np.any(self.wrenches):
             raise invalid("wrenches", self.wrenches, "not zero somewhere, or the load left out")
+        if self.repeats == 1 and self.every:
+            raise invalid("every", self.every, "left out without repeats")
         if self.repeats > 1 and self.every < self.duration:
             raise invalid("every", self.every, f"at least what one repeat lasts, {self.duration:g} s")
 

@@ -138,11 +138,14 @@ class SelfMotionConfig(Config):
 
     speed: float = key(0.08, "least length of the joint speeds of an arm", unit="rad/s", bounds="positive")
     fastest: float = key(
-        0.25, "largest, where some of six joints would be slower than slowest", unit="rad/s", bounds="positive"
+        0.25,
+        "largest, where some of six joints would be slower than slowest",
+        unit="rad/s",
+        bounds="above 0 and at most 50",
     )
     slowest: float = key(0.008, "that the slowest of six joints shall have", unit="rad/s", bounds="positive")
-    range: float = key(0.5, "of the motion from turn to turn", unit="rad", bounds="positive")
-    time_constant: float = key(0.06, "of the approach", unit="s", bounds="positive")
+    range: float = key(0.5, "of the motion from turn to turn", unit="rad", bounds="above 0 and at most 20")
+    time_constant: float = key(0.06, "of the approach", unit="s", bounds="above 0 and at most 10")
 
     def __post_init__(self) -> None:
         super().__post_init__()

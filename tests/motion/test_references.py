@@ -105,7 +105,14 @@ def test_sine():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("force", -1.0), ("amplitude", -1.0), ("amplitude", 15.1), ("frequency", 0.0), ("start_time", math.nan)],
+    [
+        ("force", -1.0),
+        ("amplitude", -1.0),
+        ("amplitude", 0.0),
+        ("amplitude", 15.1),
+        ("frequency", 0.0),
+        ("start_time", math.nan),
+    ],
 )
 def test_sine_checks_itself(name, value):
     with pytest.raises(BadInputError, match=name):

@@ -31,6 +31,41 @@ REFUSED = [
         "controller.modes.align.exits=[{when: insert_force.force_z > 5000, to: settle}]",
         "controller.modes.align.exits.0.when = 'insert_force.force_z > 5000' is always false, as the motors hold far ",
     ),
+    (
+        "peg_in_hole",
+        f"{ALIGN}.references={{insert: {{z: {{position: -5.0}}}}}}",
+        f"{ALIGN}.references.insert.z.position = -5.0: must be from -",
+    ),
+    (
+        "peg_in_hole",
+        f"{ALIGN}.references={{insert: {{phi: {{position: 10}}}}}}",
+        f"{ALIGN}.references.insert.phi.position = 10.0: must be from -6.28 to 6.28: beyond is nothing that any arm",
+    ),
+    (
+        "pipette",
+        "controller.modes.lift_plunger.references={hand: {z: {by: 8}}}",
+        "controller.modes.lift_plunger.references.hand.z.by = 8.0: must be at most ",
+    ),
+    (
+        "usable_forces",
+        "controller.random_moves.start=1000",
+        "controller.random_moves.start = 1000.0: must be below duration = 31 s",
+    ),
+    (
+        "usable_forces",
+        "controller.random_moves.extent=[0, 0, 0]",
+        "controller.random_moves.extent = [0.0, 0.0, 0.0]: must be not all zero",
+    ),
+    (
+        "curved_surface",
+        "controller.directions.z.law.dead_zone=20",
+        "controller.directions.z.law.dead_zone = 20.0: must be below the largest desired force, 15 N",
+    ),
+    (
+        "curved_surface",
+        "controller.directions.z.law.integral_gain=2500",
+        "controller.directions.z.law.integral_gain = 2500.0: must be below 1000 1/s, two over the control tick of",
+    ),
     ("peg_in_hole", "controller.motion_limits.jerk=1e-8", f"controller.motion_limits.{NEAR}"),
     ("peg_in_hole", f"{ALIGN}.motion_limits={{speed: 0.075, jerk: 1e-8}}", f"{ALIGN}.motion_limits.{NEAR}"),
     (

@@ -23,9 +23,11 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
 from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
-from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.coordinates import COORDINATES, ArmTask
 from forcectl.tasks.reactive_controller import READINGS, ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
+from forcectl.tasks.relative_task import RelativeTask
+from forcectl.tasks.task_frame import TaskFrame
 from forcectl.tasks.task_parts import TaskTargetConfig, check_times, start_motion
 
 _FARTHEST = 10.0  # [m or rad] beyond is no target of any arm, but a mistake
@@ -62,7 +64,9 @@ class RandomMovesConfig(Config):
     count: int = key(0, "of the moves", bounds="from 0 to 100000")
     start: float = key(1.0, "of the first one", unit="s", bounds="not negative")
     every: float = key(1.6, "from one to the next", unit="s", bounds="positive")
-    extent: list[float] = key([0.06, 0.06, 0.06], "to both sides along x, y and z", unit="m", size=3)
+    extent: list[float] = key(
+        [0.06, 0.06, 0.06], "to both sides along x, y and z", unit="m", bounds="not all zero", size=3
+    )
     seed: int = key(0, "of the places", bounds="at least 0")
 
     def targets(self, start: ArmsMotion) -> list[ReachConfig]:
@@ -175,6 +179,31 @@ def arm_reach(robot: RobotModel, arm: str, posture: Array) -> tuple[Array, float
     turning = all(joint.type_name() == "revolute" for joint in parts.joints[one.joints])
     reach = np.linalg.norm(np.diff(places, axis=0), axis=1).sum() if turning else np.inf
     return places[0], float(reach)
+
+
+def task_space(robot: RobotModel, task: ArmTask, posture: Array) -> dict[str, tuple[float, float]]:
+    """By coordinate its value in the middle of where the arms reach, and how far beyond is a mistake [m or rad].
+
+    Args:
+        robot: with the arms of the task.
+        task: whose coordinates; of a user's class there are none.
+        posture: any, shape (n,) [rad].
+    """
+    if type(task) not in (ArmTask, RelativeTask):
+        return {}
+    middle, reach = arm_reach(robot, task.arm, posture)
+    away = _BEYOND * reach + _offset(task.frame)
+    if isinstance(task, RelativeTask):
+        shoulder, reach = arm_reach(robot, task.leader, posture)
+        away += float(np.linalg.norm(middle - shoulder)) + _BEYOND * reach + _offset(task.leader_frame)
+        middle = np.zeros(3)
+    straight = {name: (float(value), away) for name, value in zip("xyz", middle, strict=True)}
+    return straight | dict.fromkeys(COORDINATES[3:], (0.0, 2 * np.pi))
+
+
+def _offset(frame: TaskFrame | None) -> float:
+    """How far a frame is from that of the TCP [m]."""
+    return 0.0 if frame is None else float(np.linalg.norm(frame.position))
 
 
 def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:

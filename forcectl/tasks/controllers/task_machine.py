@@ -25,7 +25,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import MatrixGain, Multiplexer, ZeroOrderHold
 
 from forcectl.conventions import WRENCH_PARTS
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key
 from forcectl.framework.wiring import export_all_outputs, input_names
@@ -35,6 +35,7 @@ from forcectl.tasks.compliance.motion import CompliantMotion
 from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConfig, mode_references
 from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
+from forcectl.tasks.controllers.reaching import task_space
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.machine.chart import MachineChart
 from forcectl.tasks.machine.modes import (
@@ -134,6 +135,7 @@ class TaskMachineConfig(TaskControllerConfig):
                 of_both=self.of_both,
             )
         self._check_forces(model, tasks)
+        self._check_places(model, tasks)
         controller = self.made_controller(model, tasks, self.modes)
         bands = None
         if controller.force_tasks:
@@ -149,6 +151,25 @@ class TaskMachineConfig(TaskControllerConfig):
         for name, mode in self.modes.items():
             check_able(f"modes.{name}.exits", mode.exits, ranges, because)
         check_able("always", self.always, ranges, because)
+
+    def _check_places(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
+        """No coordinate is sent far beyond the arms, nor turned further than an orientation can be."""
+        spaces = {name: task_space(model.known_robot(), task, model.start) for name, task in tasks.items()}
+        for mode, said in self.modes.items():
+            for name, references in said.references.items():
+                for coordinate, one in references.items():
+                    place, away = spaces[name].get(coordinate, (0.0, np.inf))
+                    key = f"modes.{mode}.references.{name}.{coordinate}"
+                    if one.position is not None and not abs(one.position - place) <= away:
+                        allowed = (
+                            f"from {place - away:.3g} to {place + away:.3g}: beyond is nothing that any arm reaches"
+                        )
+                        raise invalid(f"{key}.position", one.position, allowed)
+                    if one.by is not None and not abs(one.by) <= 2 * away:
+                        allowed = (
+                            f"at most {2 * away:.3g} in size: farther apart are no two places that any arm reaches"
+                        )
+                        raise invalid(f"{key}.by", one.by, allowed)
 
 
 def _force(task: str) -> str:
