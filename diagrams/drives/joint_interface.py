@@ -52,7 +52,9 @@ class JointServoConfig(Config):
     bandwidth: float | None = key(
         None, "w; null: that of the control parameters", unit="rad/s", bounds="from 0.1 to 10000"
     )
-    damping_ratio: float | None = key(None, "zeta; null: that of the control parameters", unit="1", bounds="positive")
+    damping_ratio: float | None = key(
+        None, "zeta; null: that of the control parameters", unit="1", bounds="from 0.01 to 10"
+    )
     integral_gain: float = key(15.0, "gain w_i of the integral", unit="1/s", bounds="from 0 to 10000")
     rate: float = key(
         2000.0,

@@ -130,8 +130,8 @@ class ForceEstimatorConfig(Config):
 
     gain: float = key(25.0, "gain K_R of the momentum observer", unit="1/s", bounds="positive")
     friction_scale: float = key(1.0, "believed friction / true friction", bounds="from 0 to 20")
-    threshold_move: float = key(0.0, "tau_move / tau_C of moving joints", bounds="not negative")
-    threshold_still: float = key(0.0, "tau_still / tau_C of joints at rest", bounds="not negative")
+    threshold_move: float = key(0.0, "tau_move / tau_C of moving joints", bounds="from 0 to 100")
+    threshold_still: float = key(0.0, "tau_still / tau_C of joints at rest", bounds="from 0 to 100")
     limit_share: float = key(1.0, "share of the torque limits at which the residual stops", bounds="from 0.01 to 100")
     moment: bool = key(True, "false: only forces act at the TCPs")
     expressed_in: str = key(
@@ -139,7 +139,9 @@ class ForceEstimatorConfig(Config):
         "axes of the wrenches, which act at the TCPs: world; else they are estimated_local_wrench, in tcp (each in its "
         "own) or in any frame or body of the robot's model",
     )
-    smallest_singular_value: float = key(0.02, "below which a direction is damped", unit="1", bounds="positive")
+    smallest_singular_value: float = key(
+        0.02, "below which a direction is damped", unit="1", bounds="above 0 and at most 1"
+    )
     tare_start: float = key(0.0, "start of the ticks whose mean becomes zero", unit="s", bounds="not negative")
     tare_duration: float = key(0.0, "of these ticks; 0: no taring", unit="s", bounds="not negative")
 
@@ -225,14 +227,18 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
     model are believed as those of `!ForceEstimator` are; the threshold is of `estimated_torque` alone.
     """
 
-    noise: float = key(0.25, "deviation of the torque balance of a tick", unit="Nm", bounds="positive")
+    noise: float = key(0.25, "deviation of the torque balance of a tick", unit="Nm", bounds="above 0 and at most 100")
     force_walk: float = key(1.25, "deviation that a force gains in a second", unit="N", bounds="positive")
     moment_walk: float = key(0.04, "deviation that a torque gains in a second", unit="Nm", bounds="positive")
-    bias: float = key(0.05, "deviation of a joint's Coulomb friction from what is believed / tau_C", bounds="positive")
-    bias_walk: float = key(0.008, "deviation that a joint's offset gains in a second / tau_C", bounds="positive")
-    slow: float = key(0.004, "speed below which a joint may stick", unit="rad/s", bounds="positive")
-    hold: float = key(0.04, "time after that for which it still may", unit="s", bounds="not negative")
-    trust: float = key(0.012, "time constant with which it is believed then", unit="s", bounds="positive")
+    bias: float = key(
+        0.05, "deviation of a joint's Coulomb friction from what is believed / tau_C", bounds="above 0 and at most 10"
+    )
+    bias_walk: float = key(
+        0.008, "deviation that a joint's offset gains in a second / tau_C", bounds="above 0 and at most 10"
+    )
+    slow: float = key(0.004, "speed below which a joint may stick", unit="rad/s", bounds="above 0 and at most 10")
+    hold: float = key(0.04, "time after that for which it still may", unit="s", bounds="from 0 to 10")
+    trust: float = key(0.012, "time constant with which it is believed then", unit="s", bounds="above 0 and at most 10")
     tare_window: list[float] = key(
         [],
         "how long ago ended and began what the input tare takes the mean of, as long as it is above 0.5; empty: since "

@@ -34,8 +34,8 @@ _NARROWEST = 5 * GRID  # what such a grid resolves [m]
 _STEEPEST = 0.3  # slope [-] up to which n is still a fair contact normal
 _STEEPEST_TURNING = 1.0  # and up to which the way of the tool is still one over s
 _LONGEST = 2.0  # path [m]; keeps the grid small
-_HIGHEST = 0.05  # height in a file, of a groove, of roughness [m]: beyond it the number is hardly in metres
-_STEP = 1e-3  # height [m] that may be steeper than a slope of 1
+_HIGHEST = 0.05  # height in a file, of a groove [m]: beyond it the number is hardly in metres
+_STEP = 1e-3  # height [m] that may be steeper than a slope of 1; and of roughness
 _HIGHEST_TURNING = 0.5  # and of a surface that the tool follows round [m]
 
 
@@ -209,7 +209,8 @@ class GrooveConfig(Config):
             BadInputError: a position beyond that.
         """
         if not self.positions:
-            count = int(length / self.spacing + 1e-9)
+            if not (count := int(length / self.spacing + 1e-9)):
+                raise invalid("spacing", self.spacing, f"at most the length, {length:g} m: else there is no groove")
             return [i * self.spacing for i in range(-count, count + 1) if i]
         furthest = max(self.positions, key=abs)
         if abs(furthest) > length:
@@ -232,7 +233,7 @@ class GrooveConfig(Config):
 class RoughnessConfig(Config):
     """Scenario part `!Roughness`, see `rough_profile`. The ball smooths it further."""
 
-    rms: float = key(5e-6, "root mean square of the height", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
+    rms: float = key(5e-6, "root mean square of the height", unit="m", bounds=f"positive, at most {_STEP:g}")
     correlation_length: float = key(1e-3, "where the correlation is 1/e", unit="m", bounds=f"at least {_NARROWEST:g}")
     seed: int = key(0, "its own: the surface is the same whatever the noise", bounds="not negative")
 
@@ -258,8 +259,7 @@ class WaveConfig(Config):
 
     def heights(self, s: Array) -> Array:
         """See `HeightPart`."""
-        wave: Array = self.amplitude * np.sin(2 * np.pi / self.wavelength * s)
-        return wave
+        return np.asarray(self.amplitude * np.sin(2 * np.pi / self.wavelength * s))
 
 
 @dataclass(kw_only=True)

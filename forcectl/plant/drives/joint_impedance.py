@@ -175,7 +175,7 @@ class JointImpedanceConfig(Config):
     bandwidth: float = key(
         60.0, "of the motors alone, of inertia B, on the default stiffness", unit="rad/s", bounds="positive"
     )
-    damping_ratio: float = key(0.7, "damping ratio z", bounds="positive")
+    damping_ratio: float = key(0.7, "damping ratio z", bounds="from 0.01 to 10")
     torque_gain: float = key(
         4.0, "of the torque loop in the drives: it divides their friction by one more than this", bounds="not negative"
     )

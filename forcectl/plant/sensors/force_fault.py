@@ -41,12 +41,14 @@ class ForceFaultConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.kind == "jitter" and not 0 <= self.value <= _LONGEST:
-            raise invalid("value", self.value, f"from 0 to {_LONGEST:g} s for jitter")
+        if self.kind == "jitter" and not 0 < self.value <= _LONGEST:
+            raise invalid("value", self.value, f"above 0 and at most {_LONGEST:g} s for jitter")
         if self.kind == "noise" and self.value <= 0:
             raise invalid("value", self.value, "positive for noise")
         if self.kind == "scale" and self.value == 1:
             raise invalid("value", self.value, "another one for scale: a factor of 1 is no fault")
+        if self.kind == "scale" and self.value == 0:
+            raise invalid("value", self.value, "given and not 0 for scale: kind value is what reports 0 N")
         if self.kind in _WITHOUT_VALUE and self.value != 0:
             raise invalid("value", self.value, f"left out: {self.kind} has none")
 

@@ -268,6 +268,7 @@ BAD = [
     (RoughnessConfig, {"rms": 0.0}, "rms"),
     (RoughnessConfig, {"correlation_length": 1e-5}, "correlation_length"),
     (RoughnessConfig, {"rms": 1.0}, "rms"),
+    (RoughnessConfig, {"rms": 3e-3}, "rms"),
     (RoughnessConfig, {"seed": -1}, "seed"),
     (GrooveConfig, {"depth": 1.0}, "depth"),
     (GrooveConfig, {"depth": 2e-3}, "depth"),
@@ -279,6 +280,7 @@ BAD = [
     (SurfaceConfig, {"slope": 0.5}, "slope"),
     (SurfaceConfig, {"slope": math.nan}, "slope"),
     (SurfaceConfig, {"heights": {"a": GrooveConfig(positions=[0.3])}}, "heights.a.positions"),
+    (SurfaceConfig, {"heights": {"a": GrooveConfig(spacing=15.0)}}, "heights.a.spacing"),
     (
         SurfaceConfig,
         {"length": 0.01, "heights": {"b": RoughnessConfig(correlation_length=0.1)}},

@@ -64,9 +64,15 @@ def test_jitter_reports_readings_of_the_last_ticks():
     assert late[2:5] != [3, 4, 5]
 
 
-def test_a_delay_of_seconds_is_refused():
-    with pytest.raises(BadInputError, match=r"value = 3\.0: must be from 0 to 0\.1 s for jitter"):
-        ForceFaultConfig(kind="jitter", value=3.0)
+@pytest.mark.parametrize("value", [3.0, 0.0])
+def test_a_delay_of_seconds_and_one_of_nothing_are_refused(value):
+    with pytest.raises(BadInputError, match=rf"value = {value}: must be above 0 and at most 0\.1 s for jitter"):
+        ForceFaultConfig(kind="jitter", value=value)
+
+
+def test_a_scale_without_a_value_is_refused():
+    with pytest.raises(BadInputError, match=r"value = 0\.0: must be given and not 0 for scale: kind value is what"):
+        ForceFaultConfig(kind="scale")
 
 
 @pytest.mark.parametrize(("start", "duration"), [(0.0, 1e-6), (0.0, 1e-4), (0.0011, 5e-4)])
