@@ -8,10 +8,11 @@ from contextlib import contextmanager
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex, RevoluteJoint
+from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex, RevoluteJoint, RigidBody
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.robot.parameters import ControlParameters
+from forcectl.robot.ranges import densest_moment
 
 _HEAVIEST_TOOL = 2000.0  # [kg]: the largest robots carry little more
 _SLOWED = 10.0  # times the largest torque, that friction at the largest speed may be: a slip, and no drive
@@ -23,6 +24,10 @@ _TWIST = 1e-5, 1.0
 # with masses of 1 kg and torques of 1000 Nm, which stand for unknown ones in public models, 30.
 _STRONGEST = 100.0
 _GRAVITY = 9.81  # [m/s2]
+# Share of the mass that moves, from which on the moments of a link are looked at; share of the moment of the densest
+# body of its mass, below which they are a slip of a thousand. Lighter links of public models have guessed moments; in
+# 74 models every heavier link that moves has at least twice that moment, and most have ten times as much.
+_SHARE, _DENSE = 0.1, 0.3
 
 
 @contextmanager
@@ -78,7 +83,7 @@ def check_tool_mass(plant: MultibodyPlant, tool: ModelInstanceIndex) -> None:
 def check_weight(
     plant: MultibodyPlant, robot: ModelInstanceIndex, parameters: ControlParameters, actuators: Sequence[JointActuator]
 ) -> None:
-    """Refuse robots that weigh nothing beside what their joints can hold.
+    """Refuse robots that weigh nothing beside what their joints can hold, and heavy links without an extent.
 
     Args:
         plant: with the robot.
@@ -90,7 +95,8 @@ def check_weight(
         BadInputError: it is one.
     """
     rigid = {body.index() for body in plant.GetBodiesWeldedTo(plant.world_body())}
-    mass = sum(plant.get_body(i).default_mass() for i in plant.GetBodyIndices(robot) if i not in rigid)
+    moving = [plant.get_body(i) for i in plant.GetBodyIndices(robot) if i not in rigid]
+    mass = sum(body.default_mass() for body in moving)
     limits = {each.joint().name(): each.effort_limit() for each in actuators if _turns(each)}
     name, torque = max(limits.items(), key=lambda each: each[1], default=("", 0.0))
     reach = 2 * parameters.characteristic_length
@@ -99,6 +105,20 @@ def check_weight(
         allowed = f"at least {least:.3g} kg, of which {name} with {torque:g} Nm could hold {_STRONGEST:g} times"
         where = f"{reach:g} m away, twice characteristic_length"
         raise BadInputError(f"{parameters.model}: links that move have {mass:.3g} kg in all: must be {allowed} {where}")
+    for body in moving:
+        own = body.default_mass()
+        largest, least = _largest_moment(body), _DENSE * densest_moment(own)
+        if own >= _SHARE * mass and 0 < largest < least:
+            wrong = f"link {body.name()!r}: largest moment of inertia = {largest:.3g} kg m2"
+            allowed = f"at least {least:.2g} kg m2, for {own:.3g} kg of the {mass:.3g} kg that move"
+            raise BadInputError(f"{parameters.model}: {wrong}: must be {allowed}")
+
+
+def _largest_moment(body: RigidBody) -> float:
+    """Largest principal moment of inertia of a link about its centre of mass [kg m2]."""
+    inertia = body.default_spatial_inertia()
+    about_com = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
+    return float(about_com.CalcPrincipalMomentsOfInertia().max())
 
 
 def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuator]) -> None:

@@ -156,7 +156,7 @@ def wrong_body(
     if mass > 0 and moments[2] > mass * _WIDEST**2:
         allowed = f"at most mass x ({_WIDEST:g} m)^2 = {mass * _WIDEST**2:.3g} kg m2"
         return f"{principal}: must be {allowed}"
-    least = _SMALLEST_MOMENT * 0.4 * mass * (3 * mass / (4 * math.pi * _OSMIUM)) ** (2 / 3)
+    least = _SMALLEST_MOMENT * densest_moment(mass)
     if moved and mass > 0 and 0 < moments[2] < least:
         return f"{principal}: the largest must be at least {least:.2g} kg m2, for its mass of {mass:g} kg"
     if (diagonal < -1e-12).any():
@@ -166,6 +166,11 @@ def wrong_body(
     if exact and moved and not moments.any():
         return "inertia is zero: must be above zero in a link that moves"
     return None
+
+
+def densest_moment(mass: float) -> float:
+    """Moment of inertia of a ball of osmium of a mass [kg]: no body of that mass has less in all axes [kg m2]."""
+    return float(0.4 * mass * (3 * mass / (4 * math.pi * _OSMIUM)) ** (2 / 3))
 
 
 def inertia_matrix(entries: Mapping[str, float]) -> NDArray[np.float64]:

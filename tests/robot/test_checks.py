@@ -47,6 +47,13 @@ def test_a_robot_that_weighs_nothing_beside_its_torques_is_refused(tmp_path):
     assert told(tmp_path).startswith(LIGHT)
 
 
+def test_heavy_links_without_an_extent_are_refused(tmp_path):
+    file = write_planar_robot(tmp_path, finger=False) / "planar.urdf"
+    file.write_text(scaled(file.read_text(), 1e-3, "ixx|iyy|izz"))
+    allowed = r"must be at least 0\.00018 kg m2, for 2 kg of the 6 kg that move"
+    assert re.match(rf"planar\.urdf: link '\w+': largest moment of inertia = 3e-05 kg m2: {allowed}", told(tmp_path))
+
+
 @pytest.mark.parametrize(
     ("mass", "length", "torque"), [(0.1, 0.1, 1.5), (1000, 1.7, 30e3), (1, 0.4, 1000)], ids=["desk", "heavy", "dummies"]
 )
