@@ -19,6 +19,8 @@ from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor, random_cross_talk
 from forcectl.plant.tip_kinematics import ForceToWrench
 
+_FARTHEST = 10.0  # times its range, that a sensor can report when it fails
+
 
 @dataclass(kw_only=True)
 class WristForceConfig(ForceSensorConfig, in_batches=True):
@@ -38,6 +40,11 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
             one, other = self.faults[i], self.faults[j]
             allowed = f"before or after the fault {one.kind} from {one.start:g} s to {one.end:g} s"
             raise invalid(f"faults.{j}.start", other.start, allowed)
+        for i, fault in enumerate(self.faults):
+            if fault.kind in ("value", "noise") and abs(fault.value) > (most := _FARTHEST * self.range):
+                raise invalid(
+                    f"faults.{i}.value", fault.value, f"at most {most:g} N in size, {_FARTHEST:g} times range"
+                )
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> Diagram:
         """Add the block `force_sensor`.
@@ -50,6 +57,8 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
             raise invalid("cross_talk", self.cross_talk, "0, or have a fidelity with dynamics, such as Multibody")
         for i, fault in enumerate(self.faults):
             check_acts(f"faults.{i}.duration", fault.start, fault.duration, site.period)
+            if fault.kind == "jitter" and not fault.ticks(site.period):
+                raise invalid(f"faults.{i}.value", fault.value, f"at least a control tick, {site.period:g} s")
         made: Diagram = WristForce(self, site) if site.workcell.has_dynamics else NormalForce(self, site)
         if self.faults:
             made = FaultySensor(made, self.faults, site)

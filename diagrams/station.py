@@ -73,6 +73,7 @@ class StationConfig(Config):
             if self.fidelity not in SHIPPED_FIDELITIES:
                 raise unknown("fidelity", self.fidelity, SHIPPED_FIDELITIES)
             self.fidelity = SHIPPED_FIDELITIES[self.fidelity]()
+        check_distinct("loads", self.loads)
         check_distinct("faults", self.faults)
         for i, j in clashing(self.faults):
             one, other = self.faults[i], self.faults[j]

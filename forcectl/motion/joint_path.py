@@ -119,7 +119,7 @@ def path_at(time: float, start: Array, parts: Sequence[Move | Sines]) -> tuple[A
 class DitherConfig(Config):
     """Small sines of all joints, that keep them from sticking."""
 
-    amplitude_deg: float = key(0.0, "of the sines; 0: none", unit="deg", bounds="not negative")
+    amplitude_deg: float = key(0.0, "of the sines; 0: none", unit="deg", bounds="from 0 to 10")
     frequency: float = key(
         3.0,
         "of the sines; the joints differ a little, so that they do not reverse together",

@@ -22,6 +22,7 @@ from forcectl.robot.model import RobotModel
 
 Array = NDArray[np.float64]
 _ROUNDING = 1e-9  # [s] of the times of ticks
+_SMALLEST = 1e-6  # [Nm, N] of a load
 
 
 @dataclass(kw_only=True)
@@ -48,8 +49,8 @@ class LoadConfig(Config):
             raise invalid("ramp", self.ramp, f"at most half of hold, {self.hold / 2:g} s")
         if not self.wrenches:
             raise invalid("wrenches", self.wrenches, "at least one wrench")
-        if not np.any(self.wrenches):
-            raise invalid("wrenches", self.wrenches, "not zero somewhere, or the load left out")
+        if np.abs(self.wrenches).max() < _SMALLEST:
+            raise invalid("wrenches", self.wrenches, f"at least {_SMALLEST:g} somewhere, or the load left out")
         if self.repeats == 1 and self.every:
             raise invalid("every", self.every, "left out without repeats")
         if self.repeats > 1 and self.every < self.duration:
@@ -173,9 +174,11 @@ def add_loads(
     """
     arms, bodies = list(robot.parts.arms), list(loaded_frames(loads, robot))
     for load in loads:
-        if load.arm and load.arm not in arms:
-            with about(load):
+        with about(load):
+            if load.arm and load.arm not in arms:
                 raise unknown("arm", load.arm, arms)
+            if getattr(load, "hold", period) < period:
+                raise invalid("hold", load.hold, f"at least a control tick, {period:g} s")
     answered = [(load, _Answered(load, f"station.loads.{i}")) for i, load in enumerate(loads)]
     at_tips = [(arms.index(load.arm or arms[0]), each) for load, each in answered if not load.body]
     on_bodies = [(bodies.index(load.body), each) for load, each in answered if load.body]

@@ -170,9 +170,14 @@ class RampConfig(_ForceReference, Config, in_batches=True):
     start_time: float = key(0.0, "of the ramp", unit="s", bounds="not negative")
     initial_force: float = key(0.0, "until the ramp", unit="N", bounds="not negative")
 
+    @property
+    def end_time(self) -> float:
+        """When the ramp is over [s]."""
+        return self.start_time + abs(self.force - self.initial_force) / self.rate
+
     def trajectory(self) -> PiecewisePolynomial | ArrayLike:
         """The reference over time [N]."""
-        end = self.start_time + abs(self.force - self.initial_force) / self.rate
+        end = self.end_time
         if not _SHORTEST <= end - self.start_time < math.inf:
             step = StepConfig(force=self.force, start_time=self.start_time, initial_force=self.initial_force)
             return step.trajectory()

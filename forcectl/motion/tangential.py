@@ -20,6 +20,7 @@ from forcectl.motion.references import Reference
 from forcectl.robot.model import RobotModel
 
 Vector = NDArray[np.float64]
+_NEAREST = 1e-7  # [m] that a motion goes
 _STEEPEST = 0.3  # slope [-], as that of a surface
 _KNOTS, _RAMP_KNOTS = 160, 40  # of the whole move, and further ones in each of its ramps
 
@@ -116,6 +117,11 @@ class TangentialMotionConfig(LineConfig, in_batches=True):
     distance: float = key(0.0, "0: stay", unit="m", bounds="not negative")
     speed: float = key(0.002, "largest speed", unit="m/s", bounds="above 0 and at most 10")
     start_time: float = key(0.0, "of the motion", unit="s", bounds="not negative")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 0 < self.distance < _NEAREST:
+            raise invalid("distance", self.distance, f"0 to stay, or at least {_NEAREST:g} m")
 
     def interval(self) -> tuple[float, float] | None:
         """Begin and end of the motion [s]; None without one."""

@@ -32,6 +32,7 @@ _LASTS = {
     "guard": ("patience", "frozen_time"),
     "estimators": ("tare_duration",),
     "analyses": ("begin",),
+    "findings": ("bounce", "saturated", "stuck"),
 }
 _OUTLASTS = 20  # times the run, that a motion, or a file of a reference, may last
 # Keys of parts in which they count from the start of the run.
@@ -175,12 +176,23 @@ def _check_forces(scenario: Scenario, period: float) -> None:
         if field.name == "upper_force" and value < (least := _LEAST_SHARE * largest):
             raise invalid(key, value, f"at least {least:g} N, a tenth of the largest desired force")
     stated = scenario.findings.largest_force
-    if stated is not None and stated < largest:
-        raise invalid("findings.largest_force", stated, f"at least the largest desired force, {largest:g} N")
+    most = scenario.limits()["contact_force"]
+    if stated is not None and not largest <= stated <= most:
+        allowed = (
+            f"at least the largest desired force, {largest:g} N, and at most {most:g} N, at which a run is stopped"
+        )
+        raise invalid("findings.largest_force", stated, allowed)
 
 
 def _check_frequencies(scenario: Scenario, period: float) -> None:
-    """What is sampled once in a control tick [s] has less than half its frequency."""
+    """What is sampled once in a control tick [s] has less than half its frequency, and metrics last some ticks."""
+    if scenario.model_error_window < 2 * period:
+        raise invalid(
+            "model_error_window", scenario.model_error_window, f"at least {2 * period:g} s, two control ticks"
+        )
+    if (bandwidth := scenario.reference_model) is not None and bandwidth * period >= 2:
+        allowed = f"below {2 / period:g} rad/s, two over the control tick of {period:g} s"
+        raise invalid("reference_model", bandwidth, allowed)
     for name in ("reference", "motion", "controller"):
         for key, part in _configs(getattr(scenario, name), name):
             for name_of, field, value in _own_values(part, key, "Hz"):
@@ -294,6 +306,21 @@ def _check_lasting(scenario: Scenario) -> None:
         for key, field, value in _values(getattr(scenario, name), name, "s"):
             if field.name in lasting and value != default_of(field) and value >= scenario.duration:
                 raise invalid(key, value, f"below duration = {scenario.duration:g} s")
+    longest = _OUTLASTS * scenario.duration
+    times = f"{_OUTLASTS} times duration"
+    for name in ("station", "controller"):
+        for key, field, value in _values(getattr(scenario, name), name, "s"):
+            if field.name == "duration" and "faults" not in key and longest < value < np.inf:
+                raise invalid(key, value, f"at most {longest:g} s, {times}")
+    if scenario.model_error_window > longest:
+        raise invalid("model_error_window", scenario.model_error_window, f"at most {longest:g} s, {times}")
+    if (bandwidth := scenario.reference_model) is not None and bandwidth * longest < 1:
+        raise invalid("reference_model", bandwidth, f"at least {1 / longest:.4g} rad/s, one over {times}")
+    if getattr(scenario.reference, "end_time", 0.0) > longest:
+        raise invalid("reference.rate", scenario.reference.rate, f"enough to end before {longest:g} s, {times}")
+    for key, _, value in _own_values(scenario.reference, "reference", "Hz"):
+        if value * longest < 1:
+            raise invalid(key, value, f"at least {1 / longest:.4g} Hz, one period in {times}")
 
 
 def _values(part: Any, key: str, *units: str) -> Iterator[tuple[str, Field[Any], Any]]:

@@ -16,6 +16,7 @@ from forcectl.analysis.findings.joints import joint_findings, task_findings
 from forcectl.analysis.findings.pressing import Pressing
 from forcectl.analysis.slot import surfaces
 from forcectl.diagrams.model import Setting
+from forcectl.errors import check_distinct
 from forcectl.framework.fields import Config, key
 
 _SHARE = "above 0 and below 1"
@@ -31,20 +32,29 @@ class FindingsConfig(Config):
     settled_share: float = key(0.05, "within which a force is settled", bounds=_SHARE)
     swing_share: float = key(0.02, "of a swing from peak to peak that may last", bounds=_SHARE)
     growth: float = key(
-        1.5, "of swings from the earlier to the later half, above which they are unstable", bounds="above 1"
+        1.5,
+        "of swings from the earlier to the later half, above which they are unstable",
+        bounds="above 1 and at most 100",
     )
     bounce: float = key(0.05, "longest loss of contact that is a bounce", unit="s", bounds="not negative")
     saturated: float = key(
         0.2, "for which a command that stands at its extreme is saturated", unit="s", bounds="positive"
     )
     chatter_rate: float = key(
-        20.0, "of reversals of a command at rest, from which it chatters", unit="1/s", bounds="positive"
+        20.0,
+        "of reversals of a command at rest, from which it chatters",
+        unit="1/s",
+        bounds="above 0 and at most 10000",
     )
     chatter_share: float = key(0.002, "that a reversal of the displacement command is worth", bounds=_SHARE)
-    limit_share: float = key(0.01, "of a limit, by which it may be exceeded", bounds="not negative")
+    limit_share: float = key(0.01, "of a limit, by which it may be exceeded", bounds="from 0 to 1")
     stuck: float = key(0.02, "for which a joint stands still that sticks", unit="s", bounds="positive")
-    releases: int = key(3, "of a joint that sticks, from which on it is worth a word", bounds="positive")
+    releases: int = key(3, "of a joint that sticks, from which on it is worth a word", bounds="from 1 to 1000")
     ignore: list[str] = key([], "kinds of findings that are left out", choices=lambda: KINDS)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_distinct("ignore", self.ignore)
 
     def found(self, log: Any, setting: Setting, motion: tuple[float, float] | None) -> list[RunFinding]:
         """The findings of one variant, the worst first.

@@ -15,6 +15,7 @@ from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
 _FURTHEST = 0.05  # [m]
+_NEAREST = 1e-7  # [m] that a surface can be seen to move
 _FASTEST = 10.0  # [m/s]
 _ROUNDING = 1e-9  # [s]
 
@@ -31,8 +32,8 @@ class SurfaceMoveConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.distance == 0:
-            raise invalid("distance", self.distance, "not zero")
+        if abs(self.distance) < _NEAREST:
+            raise invalid("distance", self.distance, f"at least {_NEAREST:g} m in size")
         shortest = abs(self.distance) / _FASTEST
         if self.duration < shortest:
             raise invalid("duration", self.duration, f"at least {shortest:g} s, which is {_FASTEST:g} m/s")

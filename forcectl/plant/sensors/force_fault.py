@@ -22,6 +22,7 @@ KINDS = ("nan", "inf", "value", "frozen", "lost", "jitter", "scale", "noise")
 _ROUNDING = 1e-9  # [s] of the times of ticks
 _SHORTEST = 0.1  # of a tick, that one reading may be wrong for
 _LONGEST = 0.1  # [s] delay of a reading
+_LARGEST_SCALE = 1e3
 _INSTEAD = {"nan", "inf", "value", "frozen"}  # nothing of the reading is left
 _WITHOUT_VALUE = ("nan", "inf", "frozen", "lost")
 
@@ -49,6 +50,8 @@ class ForceFaultConfig(Config):
             raise invalid("value", self.value, "another one for scale: a factor of 1 is no fault")
         if self.kind == "scale" and self.value == 0:
             raise invalid("value", self.value, "given and not 0 for scale: kind value is what reports 0 N")
+        if self.kind == "scale" and abs(self.value) > _LARGEST_SCALE:
+            raise invalid("value", self.value, f"at most {_LARGEST_SCALE:g} in size for scale")
         if self.kind in _WITHOUT_VALUE and self.value != 0:
             raise invalid("value", self.value, f"left out: {self.kind} has none")
 
@@ -58,9 +61,14 @@ class ForceFaultConfig(Config):
         return self.start + self.duration
 
     def clashes(self, other: ForceFaultConfig) -> bool:
-        """Whether it is the same fault, or both act at the same time and neither leaves anything of the reading."""
+        """Whether it is the same fault, one hides the other, or both put something in place of the same readings."""
         together = self.start < other.end and other.start < self.end
-        return self == other or (together and {self.kind, other.kind} <= _INSTEAD)
+        hidden = self._hides(other) or other._hides(self)
+        return self == other or hidden or (together and {self.kind, other.kind} <= _INSTEAD)
+
+    def _hides(self, other: ForceFaultConfig) -> bool:
+        """Whether nothing is left of another fault, which changes what is no number."""
+        return self.kind in ("nan", "inf") and self.start <= other.start and other.end <= self.end
 
     def acts(self, time: float) -> bool:
         """Whether it does at the tick of this time [s]."""

@@ -73,6 +73,16 @@ def test_a_delay_of_seconds_and_one_of_nothing_are_refused(value):
 def test_a_scale_without_a_value_is_refused():
     with pytest.raises(BadInputError, match=r"value = 0\.0: must be given and not 0 for scale: kind value is what"):
         ForceFaultConfig(kind="scale")
+    with pytest.raises(BadInputError, match=r"value = -1000000\.0: must be at most 1000 in size for scale"):
+        ForceFaultConfig(kind="scale", value=-1e6)
+
+
+def test_a_fault_within_one_that_leaves_nothing_clashes():
+    lasting, short = ForceFaultConfig(kind="noise", value=1.0), ForceFaultConfig(kind="nan", start=1.0, duration=0.5)
+    assert not lasting.clashes(short)
+    within = ForceFaultConfig(kind="scale", value=2.0, start=1.1, duration=0.1)
+    assert within.clashes(short)
+    assert short.clashes(within)
 
 
 @pytest.mark.parametrize(("start", "duration"), [(0.0, 1e-6), (0.0, 1e-4), (0.0011, 5e-4)])
