@@ -148,11 +148,13 @@ def _construct_int(loader: _Loader, node: yaml.ScalarNode) -> int | float:
     return int(text) if len(text) < 300 else float(text)
 
 
+def _construct_float(loader: _Loader, node: yaml.ScalarNode) -> float:
+    return float(re.sub(r"\.(?=[a-zA-Z])", "", _number(node).lower()))
+
+
 _Loader.add_constructor("tag:yaml.org,2002:map", _construct_mapping)
 _Loader.add_constructor("tag:yaml.org,2002:int", _construct_int)
-_Loader.add_constructor(
-    "tag:yaml.org,2002:float", lambda loader, node: float(re.sub(r"\.(?=[a-zA-Z])", "", _number(node).lower()))
-)
+_Loader.add_constructor("tag:yaml.org,2002:float", _construct_float)
 _Loader.add_multi_constructor("!", _construct_tagged)
 
 

@@ -182,7 +182,7 @@ def arm_reach(robot: RobotModel, arm: str, posture: Array) -> tuple[Array, float
 
 
 def task_space(robot: RobotModel, task: ArmTask, posture: Array) -> dict[str, tuple[float, float]]:
-    """By coordinate its value in the middle of where the arms reach, and how far beyond is a mistake [m or rad].
+    """By coordinate the lowest and the highest value that is no mistake: beyond no arm reaches [m or rad].
 
     Args:
         robot: with the arms of the task.
@@ -197,8 +197,8 @@ def task_space(robot: RobotModel, task: ArmTask, posture: Array) -> dict[str, tu
         shoulder, reach = arm_reach(robot, task.leader, posture)
         away += float(np.linalg.norm(middle - shoulder)) + _BEYOND * reach + _offset(task.leader_frame)
         middle = np.zeros(3)
-    straight = {name: (float(value), away) for name, value in zip("xyz", middle, strict=True)}
-    return straight | dict.fromkeys(COORDINATES[3:], (0.0, 2 * np.pi))
+    straight = {name: (float(value - away), float(value + away)) for name, value in zip("xyz", middle, strict=True)}
+    return straight | dict.fromkeys(COORDINATES[3:], (-2 * np.pi, 2 * np.pi))
 
 
 def _offset(frame: TaskFrame | None) -> float:

@@ -52,6 +52,7 @@ from forcectl.tasks.task_parts import start_motion
 
 _OF_CONTROLLER = ("reached", "stalled", "holding")
 _FAR = 10.0  # times the largest force that the motors hold in the start posture
+_BEYOND_ARMS = "no arm gets farther"
 _OF_ARMS = ("gripper_holds", "torque_elsewhere")
 
 
@@ -153,23 +154,31 @@ class TaskMachineConfig(TaskControllerConfig):
         check_able("always", self.always, ranges, because)
 
     def _check_places(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
-        """No coordinate is sent far beyond the arms, nor turned further than an orientation can be."""
+        """No coordinate is sent, or waited for, far beyond the arms, nor turned further than an orientation can be."""
         spaces = {name: task_space(model.known_robot(), task, model.start) for name, task in tasks.items()}
+        ranges = {f"{name}.{each}": span for name, space in spaces.items() for each, span in space.items()}
         for mode, said in self.modes.items():
+            check_able(f"modes.{mode}.exits", said.exits, ranges, _BEYOND_ARMS)
             for name, references in said.references.items():
                 for coordinate, one in references.items():
-                    place, away = spaces[name].get(coordinate, (0.0, np.inf))
-                    key = f"modes.{mode}.references.{name}.{coordinate}"
-                    if one.position is not None and not abs(one.position - place) <= away:
-                        allowed = (
-                            f"from {place - away:.3g} to {place + away:.3g}: beyond is nothing that any arm reaches"
-                        )
-                        raise invalid(f"{key}.position", one.position, allowed)
-                    if one.by is not None and not abs(one.by) <= 2 * away:
-                        allowed = (
-                            f"at most {2 * away:.3g} in size: farther apart are no two places that any arm reaches"
-                        )
-                        raise invalid(f"{key}.by", one.by, allowed)
+                    _check_reference(f"modes.{mode}.references.{name}.{coordinate}", one, spaces[name], coordinate)
+        check_able("always", self.always, ranges, _BEYOND_ARMS)
+
+
+def _check_reference(
+    key: str, said: ReferenceConfig, space: Mapping[str, tuple[float, float]], coordinate: str
+) -> None:
+    """What a reference says of places is within the space of its task; `key` is that of the reference."""
+    low, high = space.get(coordinate, (-np.inf, np.inf))
+    if said.position is not None and not low <= said.position <= high:
+        raise invalid(f"{key}.position", said.position, f"from {low:.3g} to {high:.3g}: {_BEYOND_ARMS}")
+    if said.by is not None and not abs(said.by) <= high - low:
+        raise invalid(f"{key}.by", said.by, f"at most {high - low:.3g} in size: {_BEYOND_ARMS}")
+    over = said.damping_over
+    low, high = (-np.inf, np.inf) if over is None else space.get(over.coordinate, (-np.inf, np.inf))
+    for i, value in enumerate([] if over is None else over.at):
+        if not low <= value <= high:
+            raise invalid(f"{key}.damping_over.at.{i}", value, f"from {low:.3g} to {high:.3g}: {_BEYOND_ARMS}")
 
 
 def _force(task: str) -> str:
