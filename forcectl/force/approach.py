@@ -326,6 +326,9 @@ class ApproachConfig(AroundLawConfig, Config):
         super().__post_init__()
         if self.touch_speed > self.speed:
             raise invalid("touch_speed", self.touch_speed, f"at most speed = {self.speed:g} m/s")
+        if self.touch_speed * self.timeout < (back := self.step_back * self.speed):
+            allowed = f"at least {back / self.timeout:.3g} m/s, for the {back:g} m of step_back within the timeout"
+            raise invalid("touch_speed", self.touch_speed, allowed)
         if self.patience > self.timeout:
             raise invalid("patience", self.patience, f"at most timeout = {self.timeout:g} s")
 

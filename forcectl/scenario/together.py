@@ -312,6 +312,8 @@ def _check_lasting(scenario: Scenario) -> None:
         for key, field, value in _values(getattr(scenario, name), name, "s"):
             if field.name == "duration" and "faults" not in key and longest < value < np.inf:
                 raise invalid(key, value, f"at most {longest:g} s, {times}")
+    if scenario.after_end is not None and scenario.after_end >= scenario.duration:
+        raise invalid("after_end", scenario.after_end, f"below duration = {scenario.duration:g} s")
     if scenario.model_error_window > longest:
         raise invalid("model_error_window", scenario.model_error_window, f"at most {longest:g} s, {times}")
     if (bandwidth := scenario.reference_model) is not None and bandwidth * longest < 1:

@@ -57,6 +57,12 @@ REFUSED = [
         f"{ALIGN}.references.insert.phi.damping_over.at.0 = -96.0: must be from -3.2 to 3.2: no arm gets farther",
     ),
     (
+        "peg_in_hole",
+        "station.environment.parts.tube.misplaced={offset: 0.003, direction_deg: 36000}",
+        "station.environment.parts.tube.misplaced.direction_deg = 36000.0: must be from -360 to 360",
+    ),
+    ("peg_in_hole", "controller.longest_gap=100", "controller.longest_gap = 100.0: must be from 0 to 10"),
+    (
         "usable_forces",
         "controller.random_moves.start=1000",
         "controller.random_moves.start = 1000.0: must be below duration = 31 s",

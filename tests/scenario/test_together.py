@@ -30,6 +30,15 @@ REFUSED = [
         "station: {sensors: {force: {faults: [{kind: noise, value: 1e5}]}}}",
         "station.sensors.force.faults.0.value = 100000.0: must be at most 4000 N in size, 10 times range",
     ),
+    ("after_end: 500", "after_end = 500.0: must be below duration = 2 s"),
+    (
+        "controller: !Approach {touch_speed: 1e-8}",
+        "controller.touch_speed = 1e-08: must be at least 0.0002 m/s, for the 0.002 m of step_back within the timeout",
+    ),
+    (
+        "controller: !Hybrid {directions: {z: {law: !Integral {}, compliance: 1000}}}",
+        "controller.directions.z.compliance = 1000.0: must be at most 1 m/N along an axis",
+    ),
     ("findings: {saturated: 200}", "findings.saturated = 200.0: must be below duration = 2 s"),
     ("findings: {stuck: 20}", "findings.stuck = 20.0: must be below duration = 2 s"),
     ("findings: {limit_share: 10}", "findings.limit_share = 10.0: must be from 0 to 1"),

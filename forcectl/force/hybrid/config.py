@@ -34,6 +34,7 @@ from forcectl.plant.plant_model import PlantModel
 
 Array = NDArray[np.float64]
 
+_SOFTEST = 1.0  # [m/N] along an axis
 _ALONG_NORMAL = 0.7  # least cosine to the normal with which the model's C_E is that of a direction
 _OFFERED = ("desired_force", "measured_force", "motor_displacement", "path_displacement", "sliding")
 
@@ -122,6 +123,8 @@ def direction_model(model: PlantModel, axes: TaskAxes, name: str, compliance: fl
     axis = axes.rotation(context)[:, index % 3]
     turns = index < 3
     environment = model.environment_compliance
+    if compliance is not None and not turns and compliance > _SOFTEST:
+        raise invalid("compliance", compliance, f"at most {_SOFTEST:g} m/N along an axis")
     if compliance is not None:
         environment = np.array([compliance])
     elif turns or abs(axis @ model.n) < _ALONG_NORMAL:

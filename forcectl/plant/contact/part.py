@@ -21,6 +21,7 @@ from forcectl.models import models_folder
 
 _FILES = (".urdf", ".sdf")
 _IN_HAND = 1.5  # [m] farther from the TCP nothing is held
+_TURN = "from -360 to 360"
 _NEAR = "from -3 to 3"  # [m] farther than any arm reaches
 
 
@@ -51,10 +52,12 @@ class MisplacementConfig(Config):
 
     offset: float = key(0.0, "across the z axis of the frame", unit="m", bounds="from 0 to 0.1")
     direction_deg: float | None = key(
-        None, "of the offset, from the frame's x towards its y; null: drawn with the seed", unit="deg"
+        None, "of the offset, from the frame's x towards its y; null: drawn with the seed", unit="deg", bounds=_TURN
     )
     tilt_deg: float = key(0.0, "of the z axis of the frame, about its origin", unit="deg", bounds="from 0 to 60")
-    tilt_direction_deg: float | None = key(None, "towards which the z axis tilts; null: drawn", unit="deg")
+    tilt_direction_deg: float | None = key(
+        None, "towards which the z axis tilts; null: drawn", unit="deg", bounds=_TURN
+    )
 
     def drawn(self, rng: np.random.Generator) -> RigidTransform:
         """Pose of the frame as it is held in the frame as it is meant.

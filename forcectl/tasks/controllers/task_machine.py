@@ -73,7 +73,7 @@ class TaskMachineConfig(TaskControllerConfig):
     modes: dict[str, TaskModeConfig] = key(meaning="by name; the first is that of the start")
     on_bad_signal: str = key("", "mode that begins when a signal that a guard reads is no number for long")
     always: list[ExitConfig] = key([], "transitions of every mode but ends, looked at before its own")
-    longest_gap: float = key(LONGEST_GAP, "of such signals, that is passed over", unit="s", bounds="not negative")
+    longest_gap: float = key(LONGEST_GAP, "of such signals, that is passed over", unit="s", bounds="from 0 to 10")
     admittance: AdmittanceGainsConfig = key(AdmittanceGainsConfig, "of coordinates that comply")
     force_dead_band: float = key(0.0, "of forces that are complied to", unit="N", bounds="from 0 to 100")
     torque_dead_band: float = key(0.0, "of torques that are complied to", unit="Nm", bounds="from 0 to 100")
