@@ -77,7 +77,9 @@ class Scenario(Config):
     )
     seed: int = key(0, "of every random number in the run", bounds="from 0 to 9223372036854775807")
     reference_model: float | None = key(None, "of M(s); null: the controller's own", unit="rad/s", bounds="positive")
-    model_error_window: float = key(4.1, "time T_w of the metric model_error_sd_N", unit="s", bounds="positive")
+    model_error_window: float = key(
+        4.1, "time T_w of the metric model_error_sd_N", unit="s", bounds="above 0 and at most 1000"
+    )
     variants: dict[str, Any] = key({}, "values that replace the scenario's, by the name of the variant")
     fidelities: list[str] = key(
         [], "that `reproduce` runs; empty: the station's own", choices=lambda: catalog.tags_of("fidelity")

@@ -5,22 +5,23 @@ from __future__ import annotations
 import pytest
 
 from forcectl.errors import BadInputError
+from forcectl.motion.references import RampConfig, StepConfig
 from forcectl.scenario.scenario import build, load_scenario
 
 # Text of a scenario of 2 s; how the message goes on after file and line.
 REFUSED = [
-    ("reference: !Ramp {rate: 0.001}", "reference.rate = 0.001: must be enough to end before 40 s, 20 times duration"),
-    ("reference: !Sine {frequency: 0.001}", "reference.frequency = 0.001: must be at least 0.025 Hz, one period in 20"),
-    ("reference_model: 1e-3", "reference_model = 0.001: must be at least 0.025 rad/s, one over 20 times duration"),
+    ("reference: !Ramp {rate: 0.001}", "reference.rate = 0.001: must be enough to end before 60 s, 20 times duration"),
+    ("reference: !Sine {frequency: 0.001}", "reference.frequency = 0.001: must be at least 0.01667 Hz, one period in"),
+    ("reference_model: 1e-3", "reference_model = 0.001: must be at least 0.01667 rad/s, one over 20 times"),
     (
         "reference_model: 1e5",
         "reference_model = 100000.0: must be below 1000 rad/s, two over the control tick of 0.002",
     ),
-    ("model_error_window: 4100", "model_error_window = 4100.0: must be at most 40 s, 20 times duration"),
+    ("model_error_window: 4100", "model_error_window = 4100.0: must be above 0 and at most 1000"),
     ("model_error_window: 0.002", "model_error_window = 0.002: must be at least 0.004 s, two control ticks"),
     (
         "station: {environment: {surface: {moves: [{distance: 0.01, duration: 100}]}}}",
-        "station.environment.surface.moves.0.duration = 100.0: must be at most 40 s, 20 times duration",
+        "station.environment.surface.moves.0.duration = 100.0: must be at most 60 s, 20 times duration or a minute",
     ),
     (
         "station: {sensors: {force: {faults: [{kind: jitter, value: 1e-4}]}}}",
@@ -88,3 +89,5 @@ def test_a_run_that_is_cut_short_keeps_what_is_slow_in_it(tmp_path):
     file = tmp_path / "own.yaml"
     file.write_text("duration: 60\nreference: !Ramp {rate: 0.1}\nmodel_error_window: 50\n")
     assert load_scenario(file, overrides={"duration": 0.1}).duration == 0.1
+    assert load_scenario({"duration": 0.02, "reference": StepConfig()}).model_error_window == 4.1
+    assert load_scenario({"duration": 0.02, "reference": RampConfig()}).reference.end_time == 3.0
