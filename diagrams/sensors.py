@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, check_distinct, invalid
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_inputs, export_outputs, made_by, output_names
@@ -265,6 +265,8 @@ class ContactTruthConfig(Config):
         super().__post_init__()
         if not self.on:
             raise invalid("on", self.on, "at least one body")
+        for name in ("on", "by"):
+            check_distinct(name, getattr(self, name))
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> ContactWrench:
         """Add the block `contact_wrench`.

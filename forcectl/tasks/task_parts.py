@@ -22,6 +22,7 @@ from forcectl.tasks.task_frame import TaskFrame
 
 ORIENTATIONS = ("rotation_vector", "euler_angles")
 _NONE = [0.0, 0.0, 0.0]
+_NEAR, _TURN = "from -3 to 3", "from -360 to 360"  # [m, deg] of a frame in that of a hand
 
 
 @dataclass(kw_only=True)
@@ -98,8 +99,10 @@ class ArmTaskConfig(_TaskConfig):
     """Scenario part `!ArmTask`: coordinates of the TCP of an arm, or of a frame fixed to it, in the world."""
 
     arm: str = key(meaning="name of the arm")
-    frame_position: list[float] = key(_NONE, "of the frame, in the TCP frame", unit="m", size=3)
-    frame_rotation_deg: list[float] = key(_NONE, "of the frame, rotation vector in the TCP frame", unit="deg", size=3)
+    frame_position: list[float] = key(_NONE, "of the frame, in the TCP frame", unit="m", bounds=_NEAR, size=3)
+    frame_rotation_deg: list[float] = key(
+        _NONE, "of the frame, rotation vector in the TCP frame", unit="deg", bounds=_TURN, size=3
+    )
 
     def task(self, start: ArmsMotion) -> ArmTask:
         """See `TaskPart`."""
@@ -114,13 +117,15 @@ class RelativeTaskConfig(_TaskConfig):
 
     leader: str = key(meaning="name of the arm in whose frame they are")
     follower: str = key(meaning="name of the arm that follows")
-    leader_position: list[float] = key(_NONE, "of the leader's frame, in its TCP frame", unit="m", size=3)
+    leader_position: list[float] = key(_NONE, "of the leader's frame, in its TCP frame", unit="m", bounds=_NEAR, size=3)
     leader_rotation_deg: list[float] = key(
-        _NONE, "of the leader's frame, rotation vector in its TCP frame", unit="deg", size=3
+        _NONE, "of the leader's frame, rotation vector in its TCP frame", unit="deg", bounds=_TURN, size=3
     )
-    follower_position: list[float] = key(_NONE, "of the follower's frame, in its TCP frame", unit="m", size=3)
+    follower_position: list[float] = key(
+        _NONE, "of the follower's frame, in its TCP frame", unit="m", bounds=_NEAR, size=3
+    )
     follower_rotation_deg: list[float] = key(
-        _NONE, "of the follower's frame, rotation vector in its TCP frame", unit="deg", size=3
+        _NONE, "of the follower's frame, rotation vector in its TCP frame", unit="deg", bounds=_TURN, size=3
     )
 
     def task(self, start: ArmsMotion) -> RelativeTask:

@@ -61,6 +61,21 @@ REFUSED = [
         "station.environment.parts.tube.misplaced={offset: 0.003, direction_deg: 36000}",
         "station.environment.parts.tube.misplaced.direction_deg = 36000.0: must be from -360 to 360",
     ),
+    (
+        "peg_in_hole",
+        "controller.tasks.insert.leader_position=[0, 0, 100]",
+        "controller.tasks.insert.leader_position.2 = 100.0: must be from -3 to 3",
+    ),
+    (
+        "peg_in_hole",
+        "controller.tasks.insert.follower_rotation_deg=[0, 0, 4000]",
+        "controller.tasks.insert.follower_rotation_deg.2 = 4000.0: must be from -360 to 360",
+    ),
+    (
+        "peg_in_hole",
+        "station.sensors.seat.on=[plunger, plunger]",
+        "station.sensors.seat.on.1 = 'plunger': must be another one than those before it",
+    ),
     ("peg_in_hole", "controller.longest_gap=100", "controller.longest_gap = 100.0: must be from 0 to 10"),
     (
         "usable_forces",
