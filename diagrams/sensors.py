@@ -19,7 +19,7 @@ from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor, random_cross_talk
 from forcectl.plant.tip_kinematics import ForceToWrench
 
-_FARTHEST = 10.0  # times its range, that a sensor can report when it fails
+_LOUDEST = 10.0  # times its range, that the noise of a sensor may be
 
 
 @dataclass(kw_only=True)
@@ -41,10 +41,8 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
             allowed = f"before or after the fault {one.kind} from {one.start:g} s to {one.end:g} s"
             raise invalid(f"faults.{j}.start", other.start, allowed)
         for i, fault in enumerate(self.faults):
-            if fault.kind in ("value", "noise") and abs(fault.value) > (most := _FARTHEST * self.range):
-                raise invalid(
-                    f"faults.{i}.value", fault.value, f"at most {most:g} N in size, {_FARTHEST:g} times range"
-                )
+            if fault.kind == "noise" and fault.value > (most := _LOUDEST * self.range):
+                raise invalid(f"faults.{i}.value", fault.value, f"at most {most:g} N, {_LOUDEST:g} times range")
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> Diagram:
         """Add the block `force_sensor`.

@@ -292,8 +292,10 @@ def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
     """Dotted keys of when something begins, and that time [s]."""
     for name in _TIMED:
         for key, field, start in _values(getattr(scenario, name), name, "s"):
-            if field.name not in _STARTS or (name == "controller" and start == default_of(field)):
-                continue  # a default of a controller may be that of moves which it does not make
+            # A default of a controller may be that of moves which it does not make; of several the run may make some.
+            of_several = field.name == "start" and key.split(".")[-2].isdecimal()
+            if field.name not in _STARTS or (name == "controller" and (start == default_of(field) or of_several)):
+                continue
             if isinstance(start, list):
                 each = start if name == "reference" else start[:1]  # the last speed of a motion lasts on
                 yield from ((f"{key}.{i}", float(time)) for i, time in enumerate(each))

@@ -29,7 +29,7 @@ REFUSED = [
     ),
     (
         "station: {sensors: {force: {faults: [{kind: noise, value: 1e5}]}}}",
-        "station.sensors.force.faults.0.value = 100000.0: must be at most 4000 N in size, 10 times range",
+        "station.sensors.force.faults.0.value = 100000.0: must be at most 4000 N, 10 times range",
     ),
     ("after_end: 500", "after_end = 500.0: must be below duration = 2 s"),
     (
