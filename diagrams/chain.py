@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +14,13 @@ from forcectl.errors import BadInputError, about
 from forcectl.force.chain import ForceChain
 from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.linear_batch import state_space
+from forcectl.plant.plant_model import PlantModel
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
 
-def force_chain(law: Any, parts: Any, setting: Setting, index: int) -> ForceChain:
+def force_chain(law: Any, parts: Any, setting: Setting, index: int, share: float = 1.0) -> ForceChain:
     """The chain of one contact with the plant as it is.
 
     Args:
@@ -26,16 +28,19 @@ def force_chain(law: Any, parts: Any, setting: Setting, index: int) -> ForceChai
         parts: of the loop, `LoopParts`.
         setting: of the loop.
         index: of the contact.
+        share: of the contact's stiffness that the law feels, see `forcectl.force.slot`.
     """
     workcell, period = setting.workcell, setting.truth.period
     pressing = partial(_pressing, workcell, workcell.contacts[index])
-    return ForceChain(_measuring(parts, setting), law.sampled_response(period), pressing)
+    return ForceChain(_measuring(parts, setting), law.sampled_response(period) * share, pressing)
 
 
 def check_stability(parts: Any, setting: Setting) -> None:
     """Refuse a scenario whose force loop is unstable on a surface that it names.
 
-    Only force laws with a `sampled_response` are looked at: `!Admittance`, alone, of one arm or behind a governor.
+    Looked at are all force laws with a `sampled_response`, such as `!Admittance`, alone or within parts that say their
+    `force_laws`: behind `!Approach`, `!Governed` or `!Passive`, of one arm, in a direction of `!Hybrid`. The law that
+    `!InvarianceControl` corrects is not: together with its correction it is no linear system.
 
     Args:
         parts: of the loop, `LoopParts`.
@@ -45,22 +50,36 @@ def check_stability(parts: Any, setting: Setting) -> None:
         BadInputError: with the numbers, and the largest stiffness that is stable.
     """
     for index, contact in enumerate(setting.workcell.contacts):
-        law = _law(parts.controller, contact.arm)
-        if not hasattr(law, "sampled_response"):
-            continue
-        chain = force_chain(law, parts, setting, index)
-        for key, stiffness in _named(contact).items():
-            if chain.is_stable(stiffness):
-                continue
-            radius, largest = chain.spectral_radius(stiffness), chain.largest_stiffness(stiffness)
-            other = f"at most {largest:.4g} N/m" if largest else "with another controller: no stiffness is stable"
-            fault = (
-                f" = {stiffness:g} N/m is unstable with inertia = {law.inertia:g} kg and damping = "
-                f"{law.damping:g} N s/m: the largest pole of the sampled loop is {radius:.6g} at a tick of "
-                f"{setting.truth.period:g} s: must be {other}"
-            )
-            with about(contact.environment):
-                raise BadInputError(fault, key=key)
+        for law, share in _laws(parts.controller, setting.truth.loop(index)):
+            chain = force_chain(law, parts, setting, index, share)
+            for key, stiffness in _named(contact).items():
+                if chain.is_stable(stiffness):
+                    continue
+                with about(contact.environment):
+                    raise BadInputError(_fault(chain, law, stiffness, setting.truth.period), key=key)
+
+
+def _fault(chain: ForceChain, law: Any, stiffness: float, period: float) -> str:
+    """What is wrong with a stiffness [N/m], and the largest that is stable, rounded down."""
+    largest = chain.largest_stiffness(stiffness)
+    other = f"at most {_below(largest)} N/m" if largest else "with another controller: no stiffness is stable"
+    radius = _above_one(chain.spectral_radius(stiffness))
+    return (
+        f" = {stiffness:g} N/m is unstable with inertia = {law.inertia:g} kg and damping = {law.damping:g} N s/m: the "
+        f"largest pole of the sampled loop is {radius} at a tick of {period:g} s: must be {other}"
+    )
+
+
+def _below(value: float) -> str:
+    """A positive number in four digits, rounded down."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 3)
+    return f"{math.floor(value / unit) * unit:.4g}"
+
+
+def _above_one(radius: float) -> str:
+    """The size of a pole in six digits, or in as many as show that it is not inside of the unit circle."""
+    texts = (f"{radius:.{digits}g}" for digits in range(6, 17))
+    return next((text for text in texts if float(text) > 1.0), f"{radius:.17g}")
 
 
 def _measuring(parts: Any, setting: Setting) -> StateSpace:
@@ -77,11 +96,11 @@ def _measuring(parts: Any, setting: Setting) -> StateSpace:
     return response * getattr(chosen, "factor", 1.0)
 
 
-def _law(controller: Any, arm: str) -> Any:
-    """The force law of an arm, inside of what is around it."""
-    while hasattr(controller, "law_of"):
-        controller = controller.law_of(arm)
-    return controller
+def _laws(controller: Any, model: PlantModel, share: float = 1.0) -> list[tuple[Any, float]]:
+    """The linear force laws of one loop, inside of what is around them, each with its share of the stiffness."""
+    if hasattr(controller, "force_laws"):
+        return [each for law, part in controller.force_laws(model) for each in _laws(law, model, share * part)]
+    return [(controller, share)] if hasattr(controller, "sampled_response") else []
 
 
 def _named(contact: Contact) -> dict[str, float]:

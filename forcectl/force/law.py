@@ -134,6 +134,6 @@ class AroundLawConfig:
         told: float | None = getattr(self.law, "reference_model_bandwidth", lambda: None)()
         return told
 
-    def law_of(self, arm: str) -> Any:
-        """The law inside, whichever arm presses."""
-        return self.law
+    def force_laws(self, model: PlantModel) -> list[tuple[Any, float]]:
+        """The law inside, which feels the whole force; see `forcectl.force.slot`."""
+        return [(self.law, 1.0)]

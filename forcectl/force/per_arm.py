@@ -25,9 +25,9 @@ class PerArmConfig(Config):
 
     laws: dict[str, Any] = slot("controller", dict, meaning="by the name of the arm")
 
-    def law_of(self, arm: str) -> Any:
-        """The law of an arm, None without one."""
-        return self.laws.get(arm)
+    def force_laws(self, model: PlantModel) -> list[tuple[Any, float]]:
+        """The law of the arm that presses, none without one; see `forcectl.force.slot`."""
+        return [(law, 1.0) for arm, law in self.laws.items() if arm in model.arms]
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PerArm:
         """Add the laws.

@@ -27,7 +27,9 @@ Let outputs be feedthrough at the tick and held, as `SampledBlock` does: the rob
 that tick; what is a state of the filler it takes one tick later.
 
 A configuration of a force law with `sampled_response(period)`, the law as a linear system, is refused where the sampled
-loop is unstable, see `forcectl.force.chain`.
+loop is unstable, see `forcectl.force.chain`. It is also found within others that say what is in them: their
+`force_laws(model)`, of the model of one force loop, returns pairs of a law and its share of the contact's stiffness,
+from 0 to 1.
 """
 
 from __future__ import annotations

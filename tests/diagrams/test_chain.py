@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -12,8 +12,11 @@ from forcectl.diagrams import loop
 from forcectl.diagrams.chain import force_chain
 from forcectl.diagrams.loop import Loop
 from forcectl.errors import BadInputError
+from forcectl.framework.fields import Config, key_of, typed_fields
 from forcectl.framework.yaml_tree import parse
+from forcectl.scenario.catalog import SLOTS
 from forcectl.scenario.scenario import load_scenario
+from forcectl.scenario.schema import load_object
 
 ONE_ARM = """
 preset: linear
@@ -111,6 +114,102 @@ def test_a_law_behind_a_governor_is_looked_at():
 def test_the_factor_of_a_projection_is_a_gain_of_the_loop():
     twice = SENSORLESS.replace("along: normal", "along: normal, factor: 2.0")
     assert largest(twice) < 0.7 * largest(SENSORLESS)
+
+
+def has_a_law_inside(cls: Any) -> bool:
+    """Whether a configuration, or one of those in its keys, has a slot for a controller."""
+    found = False
+    for field, kind in typed_fields(cls):
+        inside = [each for each in (kind, *get_args(kind)) if isinstance(each, type) and issubclass(each, Config)]
+        found |= key_of(field).slot == "controller" or any(has_a_law_inside(each) for each in inside)
+    return found
+
+
+def test_whatever_has_a_law_inside_says_so():
+    around = {tag for tag, path in SLOTS["controller"].items() if has_a_law_inside(load_object(path))}
+    walked = {tag for tag in around if hasattr(load_object(SLOTS["controller"][tag]), "force_laws")}
+    assert {"Approach", "Governed", "Hybrid", "Passive", "PerArm"} <= walked
+    # With its correction a law is no linear system.
+    assert around - walked == {"InvarianceControl", "AdaptiveInvarianceControl"}
+
+
+PRESSED = """
+preset: linear
+station: {fidelity: Multibody, environment: !Surface {stiffness: 2.0e4, damping: 0.0}}
+controller: WITHIN
+reference: !Step {force: 10.0}
+"""
+LAW = "!Admittance {inertia: 3.0, damping: 150.0}"
+WITHIN = {
+    "!Approach": f"!Approach {{law: {LAW}}}",
+    "!Governed": f"!Governed {{inner_bandwidth: 1.5, law: {LAW}}}",
+    "!Passive": f"!Passive {{law: {LAW}}}",
+    "!PerArm": f"!PerArm {{laws: {{arm: {LAW}}}}}",
+    "!Hybrid": f"!Hybrid {{directions: {{z: {{law: {LAW}}}}}}}",
+    "!Hybrid of two": (
+        f"!Hybrid {{directions: {{z: {{law: {LAW}}}, x: {{law: {LAW}, desired: 0.0, compliance: 1e-4}}}}}}"
+    ),
+    "!Passive in !Hybrid": f"!Hybrid {{directions: {{z: {{law: !Passive {{law: {LAW}}}}}}}}}",
+}
+
+
+@pytest.mark.parametrize("controller", WITHIN.values(), ids=WITHIN)
+def test_a_law_within_others_is_refused_as_it_is_alone(controller):
+    alone, within = (refused(PRESSED.replace("WITHIN", law)) for law in (LAW, controller))
+    assert within == alone
+    assert "must be at most 1970 N/m" in alone
+
+
+def tilted(degrees: float, **directions: str) -> str:
+    """Of a task frame that is turned about its y, with these laws in directions."""
+    compliant = ", ".join(f"{name}: {{law: {law}, desired: 8.0, compliance: 1e-4}}" for name, law in directions.items())
+    turned = f"rotation_deg: [180.0, {degrees}, 0.0]"
+    return PRESSED.replace("WITHIN", f"!Hybrid {{directions: {{{compliant}}}, {turned}}}")
+
+
+def limit_of(text: str) -> float:
+    return float(refused(text).split("must be at most ")[1].split()[0])
+
+
+def test_an_axis_beside_the_normal_feels_its_share_of_the_stiffness():
+    scenario = load_scenario(parse(tilted(35.0, z=LAW), "test"))
+    setting = scenario.setting()
+    ((_, share),) = scenario.controller.force_laws(setting.truth.loop(0))
+    # The motors hold the weight at the start, which turns the tool by 0.2 degrees.
+    assert share == pytest.approx(np.cos(np.radians(35.0)) ** 2, rel=0.01)
+    whole, compliance = limit_of(tilted(0.0, z=LAW)), setting.workcell.contact.robot_compliance
+    part = 1 / (share * (1 / whole + compliance) - compliance)
+    assert limit_of(tilted(35.0, z=LAW)) == pytest.approx(part, rel=2e-3)
+    # Equal laws in two axes are one law along the normal between them.
+    assert limit_of(tilted(35.0, x=LAW, z=LAW)) == whole
+
+
+@pytest.mark.slow
+def test_the_force_along_such_an_axis_settles_below_the_limit_and_swings_beyond(monkeypatch):
+    text = tilted(35.0, z=LAW)
+    limit = limit_of(text)
+    early, late = swing(text, 0.85 * limit, 4.0)
+    assert late < 0.5 * early
+    monkeypatch.setattr(loop, "check_stability", lambda parts, setting: None)
+    early, late = swing(text, 1.15 * limit, 4.0)
+    assert late > 0.95 * early > 1.0
+
+
+def test_a_law_across_the_normal_is_left_alone():
+    other = "!Integral {integral_gain: 1.0}"
+    built(tilted(0.0, x=LAW, z=other))
+
+
+def test_the_printed_stiffness_is_accepted_and_the_pole_is_outside():
+    draw = np.random.default_rng(77)
+    for _ in range(6):
+        damping = 10 ** draw.uniform(2.0, 3.2)
+        law = {"controller.damping": damping, "controller.inertia": damping * 10 ** draw.uniform(-2.5, -0.8)}
+        message = refused(ONE_ARM, **law, **{"station.environment.stiffness": 1e6})
+        stiffness = float(message.split("must be at most ")[1].split()[0])
+        built(ONE_ARM, **law, **{"station.environment.stiffness": stiffness})
+        above = refused(ONE_ARM, **law, **{"station.environment.stiffness": 1.0011 * stiffness})
+        assert float(above.split("largest pole of the sampled loop is ")[1].split()[0]) > 1.0
 
 
 def test_other_controllers_are_left_alone():

@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 
 _SOFTEST = 1.0  # [m/N] along an axis
 _ALONG_NORMAL = 0.7  # least cosine to the normal with which the model's C_E is that of a direction
+_ACROSS = 1e-6  # square of the cosine to the normal up to which an axis is across it
 _OFFERED = ("desired_force", "measured_force", "motor_displacement", "path_displacement", "sliding")
 
 
@@ -93,11 +94,30 @@ class HybridConfig(Config):
         Raises:
             BadInputError: a law that is none, or that wants what a direction does not have.
         """
+        hybrid = Hybrid(self.directions, self._axes(model), model, smallest=self.smallest_singular_value)
+        return builder.AddNamedSystem("hybrid", hybrid)
+
+    def force_laws(self, model: PlantModel) -> list[tuple[Any, float]]:
+        """The laws along axes that are not across the normal at the start; see `forcectl.force.slot`.
+
+        An axis a feels the share a'n of the force, and moves the tool along the normal by a'n of its command. Equal
+        laws are one law in all of their axes. About an axis a force at the TCP has no torque.
+        """
+        axes = self._axes(model)
+        rotation = axes.rotation(axes.robot.context_at(model.start), model.n if axes.follow else None)
+        shares = zip(DIRECTIONS[3:], (model.n @ rotation) ** 2, strict=True)
+        felt = [(self.directions[name].law, float(share)) for name, share in shares if name in self.directions]
+        laws: list[tuple[Any, float]] = []
+        for law, _ in felt:
+            whole = sum(share for other, share in felt if other == law)
+            if whole > _ACROSS and (law, whole) not in laws:
+                laws.append((law, whole))
+        return laws
+
+    def _axes(self, model: PlantModel) -> TaskAxes:
         rotation = RollPitchYaw(np.radians(self.rotation_deg)).ToRotationMatrix().matrix()
         world, follow = self.fixed_in == "world", self.fixed_in == "surface"
-        axes = TaskAxes(model.known_robot(), model.start, rotation, fixed_in_world=world, follow=follow)
-        hybrid = Hybrid(self.directions, axes, model, smallest=self.smallest_singular_value)
-        return builder.AddNamedSystem("hybrid", hybrid)
+        return TaskAxes(model.known_robot(), model.start, rotation, fixed_in_world=world, follow=follow)
 
 
 def _follows_reference(name: str, direction: DirectionConfig) -> bool:
