@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 ARRANGEMENTS = ("consistent", "increment")
 GENERATORS = ("velocity", "position")
+_LARGEST_SIZE = 6  # of a filter
 
 
 def admittance_step(
@@ -141,6 +142,8 @@ class AdmittanceFilter(SampledBatch):
     ):
         if arrangement not in ARRANGEMENTS:
             raise unknown("arrangement", arrangement, ARRANGEMENTS)
+        if not 1 <= size <= _LARGEST_SIZE:
+            raise invalid("size", size, f"from 1 to {_LARGEST_SIZE}, the components of a task")
         self._period = check("period", period, "positive")
         self._consistent, self._corrected = arrangement == "consistent", corrected
         super().__init__(

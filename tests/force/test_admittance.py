@@ -213,6 +213,9 @@ def test_parameters_are_in_the_context():
 
 
 def test_what_is_not_allowed():
+    for size in (0, 7):
+        with pytest.raises(BadInputError, match=f"^size = {size}: must be from 1 to 6, the components of a task"):
+            AdmittanceFilter(size, inertia=H, damping=D, period=TS)
     with pytest.raises(BadInputError, match=r"^inertia = \[0.1\]: must be above damping times half a tick, \[0.1\]"):
         AdmittanceFilter(1, inertia=0.1, damping=50.0, period=TS)
     with pytest.raises(BadInputError, match="unknown arrangement 'literal': known: consistent, increment"):
