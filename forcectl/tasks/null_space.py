@@ -26,6 +26,7 @@ from forcectl.tasks.constraints.base import Constraint
 
 Vector = NDArray[np.float64]
 _STOPPED = 0.15  # [s] after which a self-motion turns round
+_REDUNDANT = 7  # joints of an arm that moves about its hand
 _OTHERS = np.array([[j for j in range(7) if j != i] for i in range(7)])  # columns of a minor of J (6, 7)
 _SIGNS = (-1.0) ** np.arange(7)
 
@@ -241,7 +242,7 @@ class SelfMotion:
         time_constant: T of the approach [s], > 0.
 
     Raises:
-        BadInputError: a value out of range.
+        BadInputError: a value out of range, or a robot without an arm of seven joints.
     """
 
     def __init__(
@@ -255,6 +256,11 @@ class SelfMotion:
         time_constant: float = 0.06,
     ):
         self._arms = {name: arm.joints for name, arm in robot.parts.arms.items()}
+        sizes = {name: joints.stop - joints.start for name, joints in self._arms.items()}
+        if _REDUNDANT not in sizes.values():
+            listed = ", ".join(f"{name} has {size}" for name, size in sizes.items())
+            moves = f" moves an arm of {_REDUNDANT} joints about its hand"
+            raise BadInputError(f"{moves}: must be of a robot with such an arm, here {listed}")
         self._speed, self._range = check("speed", speed, "positive"), check("range", range, "positive")
         self._fastest, self._slowest = check("fastest", fastest, "positive"), check("slowest", slowest, "positive")
         if fastest < speed:

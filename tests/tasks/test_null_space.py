@@ -167,15 +167,12 @@ def test_self_motion_is_smooth_along_any_way() -> None:
     assert steps.max() < 0.05 * 0.08
 
 
-def test_self_motion_of_an_arm_without_a_null_space_is_rest() -> None:
-    from forcectl.robot.arms_motion import ArmsMotion
+def test_self_motion_of_a_robot_whose_arms_have_no_null_space_is_refused() -> None:
     from forcectl.robot.model import RobotModel
 
-    robot = RobotModel.load("comau_smart_six")
-    q = robot.parameters.default_posture
-    motion = ArmsMotion(robot, robot.create_context(), q, np.full(6, 0.1))
-    criterion = SelfMotion(robot, time_constant=TS)
-    np.testing.assert_allclose(criterion.step(motion, TS, criterion.memory)[0].gradient, 0.1 / TS)
+    wanted = "must be of a robot with such an arm, here arm has 6"
+    with pytest.raises(BadInputError, match=f"moves an arm of 7 joints about its hand: {wanted}"):
+        SelfMotion(RobotModel.load("comau_smart_six"))
 
 
 def test_a_self_motion_that_is_slower_at_its_fastest_is_refused() -> None:
