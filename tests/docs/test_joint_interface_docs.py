@@ -10,6 +10,7 @@ import pytest
 
 import forcectl as fc
 from forcectl.framework.yaml_tree import parse
+from tests.examples.joint_interface_runs import torque_elsewhere
 
 PAGE = (Path(__file__).parents[2] / "docs" / "joint_interface.md").read_text(encoding="utf-8")
 WATCHED, SENSORLESS, USABLE = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
@@ -73,3 +74,20 @@ def test_the_figures_in_the_table_are_those_of_the_experiment():
         number = float(shown.split()[0])
         assert abs(expected[target] - number) <= 0.05 * max(number, 1.0)
         assert shown in PAGE
+
+
+def test_what_10_n_on_a_link_show_by_kinematics():
+    from forcectl.scenario.catalog import find_scenario
+
+    usable = find_scenario("usable_forces").tree
+    others = [usable["variants"][f"posture {i}"]["station.posture_deg"] for i in (2, 3)]
+    postures = [torque_elsewhere(posture) for posture in (usable["station"]["posture_deg"], *others)]
+    table = PAGE.split("| pushed | along")[1].split("\n\n")[0].splitlines()[2:]
+    assert len(table) == 6
+    for line in table:
+        pushed, *cells = (cell.strip() for cell in line.strip("|").split("|"))
+        link = int(pushed.rpartition("link_")[2].strip("`"))
+        found = 10.0 * np.array([each[side, link] for each in postures for side in ("left", "right")])
+        for cell, low, high in zip(cells, found.min(axis=0), found.max(axis=0), strict=True):
+            shown = [float(number) for number in cell.split(" to ")]
+            np.testing.assert_allclose(shown, [low, high][-len(shown) :], atol=0.0051)

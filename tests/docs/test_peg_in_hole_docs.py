@@ -6,11 +6,13 @@ import math
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from forcectl.framework.yaml_tree import parse
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.scenario import as_file, resolve
+from tests.examples.joint_interface_runs import torque_elsewhere
 
 PAGE = (Path(__file__).parents[2] / "docs" / "peg_in_hole.md").read_text(encoding="utf-8")
 METRICS = ("seated_after_s", "lateral_force_N", "axial_force_N")
@@ -37,6 +39,22 @@ def test_the_misalignment_of_the_page_is_one_of_a_part():
         for each in (scenario, resolve(as_file("peg_in_hole"), "6 mm, 10 degrees", {}))
     )
     assert given == shipped
+
+
+def test_the_pushes_that_are_noticed():
+    tree = find_scenario("peg_in_hole").tree
+    (guard,) = (line["when"] for line in tree["controller"]["always"] if line["to"] == "pushed")
+    assert guard == "torque_elsewhere.left > 0.6 or torque_elsewhere.right > 0.6"
+    torque = torque_elsewhere(tree["station"]["posture_deg"])
+    needed = {link: min(0.6 / torque[side, link][0] for side in ("left", "right")) for link in (2, 7, 3, 4, 5)}
+    text = " ".join(PAGE.split("**What `pushed` does not notice.**")[1].split("\n\n")[0].split())
+    for link, digits in ((3, 1), (4, 1), (7, 0), (5, 0)):
+        assert f"{needed[link]:.{digits}f} N at `link_{link}`" in text
+    assert f"(`link_2`) {needed[2]:.0f} N" in text
+    elbow = 0.6 / np.array([torque[side, link][1:] for side in ("left", "right") for link in (3, 4)])
+    across, along = elbow[:, 1], elbow[:, [0, 2]]
+    assert f"{along.min():.0f} to {along.max():.0f} N along x or z" in text
+    assert f"{across.min():.0f} to {across.max():.0f} N along y" in text
 
 
 def test_the_arithmetic_of_the_printed_damping():

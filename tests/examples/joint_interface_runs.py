@@ -12,6 +12,8 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from forcectl.diagrams import workcell
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.diagrams.workcell import Workcell
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import RobotModel
 from tests.examples.stations import free
 
 Array = np.ndarray
@@ -26,6 +28,23 @@ INTERFACE_OUTPUTS = (
     "tip_wrench",
     "arm_contact_force",
 )
+
+
+def torque_elsewhere(degrees: list[float]) -> dict[tuple[str, int], Array]:
+    """What 1 N at the origin of a link makes along the motion that leaves the hand of its arm, by arm and link [Nm].
+
+    Of a force along that motion, and along x, y and z of the world, shape (4,); links from shoulder to hand.
+    """
+    robot, q = RobotModel.load("yumi", "yumi_gripper"), np.radians(degrees)
+    context, found = robot.context_at(q), {}
+    for side, arm in robot.parts.arms.items():
+        own = ArmsMotion(robot, robot.create_context(), q, 0 * q).arm(side).jacobian[:, arm.joints]
+        null = np.linalg.svd(own)[2][6]
+        for link in (2, 7, 3, 4, 5, 6):
+            frame = robot.plant.GetBodyByName(f"{side}_link_{link}").body_frame()
+            torque = np.abs(robot.jacobian_of(context, frame)[3:][:, arm.joints] @ null)
+            found[side, link] = np.append(np.linalg.norm(torque), torque)
+    return found
 
 
 class Timed(LeafSystem):
