@@ -1,7 +1,8 @@
 """Control parameters proposed for a model that has none yet, from its joints and their limits.
 
-Arms are the longest chains of joints that do not fork; a chain ends where a gripper begins. Joints before two arms
-part, and all others, are held. The posture is the best of random ones: far from singular, tool downwards, links apart.
+Arms are the longest chains of joints that do not fork; a chain ends where a gripper begins: at joints that others
+mimic, at one or two joints behind a frame that carries tools, at words such as finger. Joints before two arms part, and
+all others, are held. The posture is the best of random ones: far from singular, tool downwards, links apart.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from forcectl.robot.urdf import Urdf
 Array = NDArray[np.float64]
 
 _HAND = re.compile(r"grip|finger|hand|thumb|claw|jaw|knuckle", re.IGNORECASE)
-_FLANGE = re.compile(r"(tool0|flange|ee_link|tcp|tool_link|link_ee|_hand|end_effector)$", re.IGNORECASE)
+_FINGER = re.compile(r"finger|thumb|claw|jaw|knuckle", re.IGNORECASE)  # of a link; a last link may be a gripper's
+_FLANGE = re.compile(r"(tool0|flange|ee_link|tcp|tool_link|link_eef?|_hand|hand_link|end_effector)$", re.IGNORECASE)
 _SIDES = {side: re.compile(rf"{side}|^{side[0]}_|_{side[0]}(_|$)", re.IGNORECASE) for side in ("left", "right")}
 _ARM = 4  # joints at least, of one of several arms
 _TOOL = 0.15  # [m]
@@ -41,7 +43,7 @@ class ModelTree:
     """The joints of a model as a tree, by body."""
 
     def __init__(self, plant: MultibodyPlant, instance: ModelInstanceIndex, urdf: Urdf):
-        self.plant, self._urdf = plant, urdf
+        self.plant, self.urdf = plant, urdf
         self.joints: list[Joint] = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
         self._below: dict[int, list[Joint]] = {}
         for joint in self.joints:
@@ -50,6 +52,12 @@ class ModelTree:
         world = int(plant.world_body().index())
         bodies = [int(i) for i in plant.GetBodyIndices(instance)]
         self.roots = [world] if world in self._below else [i for i in bodies if i not in children]
+        self._depths: dict[int, int] = {}
+        self._followers: dict[str, list[Joint]] = {}
+        for joint in self.joints:
+            known = urdf.joints.get(joint.name())
+            if known is not None and known.mimics is not None:
+                self._followers.setdefault(known.mimics[0], []).append(joint)
 
     @property
     def moving(self) -> list[Joint]:
@@ -99,24 +107,48 @@ class ModelTree:
         return flange.name(), np.degrees(RollPitchYaw(R).vector()).round(3) + 0.0
 
     def _moves(self, joint: Joint) -> bool:
-        known = self._urdf.joints.get(joint.name())
+        known = self.urdf.joints.get(joint.name())
         return joint.num_positions() == 1 and (known is None or known.mimics is None)
 
-    def _next(self, body: int) -> list[Joint]:
-        """Joints that move, of those that are fixed to a body."""
-        found = []
+    def _next(self, body: int, in_arm: bool = True) -> list[Joint]:
+        """Joints of an arm that move, of those that are fixed to a body; one that is `in_arm` is behind another."""
+        found: list[Joint] = []
         for joint in self._below.get(body, []):
+            child = joint.child_body()
             if joint.num_positions() == 0:
-                found += self._next(int(joint.child_body().index()))
-            elif self._moves(joint) and not _HAND.search(joint.name()):
+                behind = self._next(int(child.index()), in_arm)
+                carries = in_arm and (_FLANGE.search(child.name()) or _HAND.search(child.name()))
+                found += [each for each in behind if not carries or self._depth(each) >= _ARM]
+            elif not self._moves(joint) or _HAND.search(joint.name()) or _FINGER.search(child.name()):
+                continue
+            elif joint.name() not in self._followers:
                 found.append(joint)
+            else:  # what it moves is no arm: a gripper. Before an arm, it is held: no arm joint is followed.
+                behind = self._next(int(child.index()))
+                arms = [each for each in behind if self._depth(each) >= _ARM]
+                found += arms or ([] if self._is_gripper(joint, behind) else [joint])
         return found
 
+    def _is_gripper(self, leader: Joint, behind: list[Joint]) -> bool:
+        """Whether a joint that others mimic is the last of its chain, and one of them is beside it."""
+        moved, look = set[int](), [leader]
+        while look:
+            moved.add(int(look[-1].child_body().index()))
+            look += self._below.get(int(look.pop().child_body().index()), [])
+        return not behind and any(
+            int(each.child_body().index()) not in moved for each in self._followers[leader.name()]
+        )
+
     def _depth(self, joint: Joint) -> int:
-        return 1 + max((self._depth(each) for each in self._next(int(joint.child_body().index()))), default=0)
+        """Joints of the longest chain from this one on."""
+        index = int(joint.index())
+        if index not in self._depths:
+            behind = self._next(int(joint.child_body().index()))
+            self._depths[index] = 1 + max(map(self._depth, behind), default=0)
+        return self._depths[index]
 
     def _chains(self, body: int, path: list[Joint]) -> list[list[Joint]]:
-        behind = self._next(body)
+        behind = self._next(body, bool(path))
         if len(behind) > 1:
             behind = [joint for joint in behind if self._depth(joint) >= _ARM]
         if not behind:

@@ -298,7 +298,8 @@ def _add_arms(report: RobotReport, values: Tagged, tree: ModelTree) -> None:
     if "arm_joints" not in values:
         arms = tree.arms()
         if not arms:
-            raise BadInputError(f"{values['model']}: no joint moves: must hold an arm")
+            what = "no joints in a row, of those that move" if known else "no joint moves"
+            raise BadInputError(f"{values['model']}: {what}: must hold an arm")
         joints = [joint.name() for chain in arms.values() for joint in chain]
         values["arm_joints"] = joints
         report.missing["arm_joints"] = f"arm_joints: [{', '.join(joints)}]"

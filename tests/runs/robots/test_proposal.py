@@ -1,0 +1,79 @@
+"""Which joints of a model are proposed as an arm, where a gripper begins, and which frame carries the tool."""
+
+from __future__ import annotations
+
+import pytest
+
+from forcectl.framework.yaml_tree import parse
+from forcectl.runs.robots.report import examine_robot
+from tests.examples.public_robots import arm_xml
+
+ARM = [f"joint_{i}" for i in range(1, 7)]
+MIMIC = '<mimic joint="{}" multiplier="{}" offset="0"/>'
+
+
+def moved(parent, joint, link, more="", kind="prismatic"):
+    inertia = '<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
+    body = f'<link name="{link}"><inertial><mass value="0.1"/>{inertia}</inertial></link>'
+    limit = "" if kind == "fixed" else '<limit lower="0" upper="0.04" effort="20" velocity="0.2"/>'
+    ends = f'<parent link="{parent}"/><child link="{link}"/><axis xyz="0 1 0"/>'
+    return f'{body}<joint name="{joint}" type="{kind}">{ends}{limit}{more}</joint>'
+
+
+def proposed(folder, more, arm=None):
+    """What is proposed for an arm of six joints with more behind its flange, `tool0`."""
+    arm = arm or arm_xml("acme", effort=100)
+    (folder / "arm.urdf").write_text(f'<robot name="arm"><link name="base_link"/>{arm}{more}</robot>')
+    report = examine_robot(folder)
+    assert report.problems == []
+    return parse(report.yaml(), "yaml")
+
+
+PALM = moved("tool0", "palm_mount", "palm", kind="fixed")
+GRIPPERS = {
+    "two that slide": moved("tool0", "fj1", "f1") + moved("tool0", "fj2", "f2", MIMIC.format("fj1", 1)),
+    "xArm": moved("tool0", "drive_joint", "part_a", kind="revolute")
+    + moved("part_a", "tip_a_joint", "tip_a", MIMIC.format("drive_joint", -1), "revolute")
+    + moved("tool0", "part_b_joint", "part_b", MIMIC.format("drive_joint", 1), "revolute"),
+    "follower first": PALM + moved("palm", "b", "b", MIMIC.format("a", 1)) + moved("palm", "a", "a"),
+    "one that slides": PALM + moved("palm", "slide", "plate"),
+    "a link is called so": moved("link_6", "axis_7", "moving_jaw", kind="revolute"),
+    "two that part": moved("tool0", "p1", "a") + moved("tool0", "p2", "b"),
+}
+
+
+@pytest.mark.parametrize("gripper", GRIPPERS.values(), ids=GRIPPERS)
+def test_a_chain_ends_where_a_gripper_begins(tmp_path, gripper):
+    found = proposed(tmp_path, gripper)
+    assert found["arm_joints"] == ARM
+    assert found["flange_frame"] == "tool0"
+    assert found["held_joints"]
+
+
+def test_a_joint_behind_the_last_one_is_of_the_arm_where_nothing_speaks_of_a_gripper(tmp_path):
+    arm = arm_xml("acme", effort=100).replace('"tool0"', '"end"')
+    assert proposed(tmp_path, moved("end", "joint_7", "link_7"), arm)["arm_joints"] == [*ARM, "joint_7"]
+
+
+def test_what_others_mimic_before_an_arm_is_held(tmp_path):
+    arm = arm_xml("acme", effort=100).replace('parent link="base_link"', 'parent link="torso"')
+    lift = moved("base_link", "lift", "torso") + moved("base_link", "screw", "nut", MIMIC.format("lift", 2))
+    found = proposed(tmp_path, lift, arm)
+    assert found["arm_joints"] == ARM
+    assert found["held_joints"] == {"lift": 0}
+
+
+def test_an_arm_joint_with_a_rod_that_follows_it_is_no_gripper(tmp_path):
+    rod = moved("link_1", "rod", "rod", MIMIC.format("joint_5", 1), "revolute")
+    (tmp_path / "arm.urdf").write_text(
+        f'<robot name="arm"><link name="base_link"/>{arm_xml("acme", effort=100)}{rod}</robot>'
+    )
+    assert examine_robot(tmp_path).problems == [
+        "joint 'rod' mimics an arm joint, which is not followed here: must be one of held_joints"
+    ]
+
+
+@pytest.mark.parametrize("name", ["right_hand", "right_hand_link", "link_eef", "arm_tool_link", "flange"])
+def test_a_frame_that_carries_tools_is_the_flange(tmp_path, name):
+    camera = moved("link_6", "camera_mount", "camera", kind="fixed")
+    assert proposed(tmp_path, camera, arm_xml("acme", effort=100).replace("tool0", name))["flange_frame"] == name
