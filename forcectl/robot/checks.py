@@ -11,6 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex, RevoluteJoint, RigidBody
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.robot.model_file import ModelFile
 from forcectl.robot.parameters import ControlParameters
 from forcectl.robot.ranges import densest_moment
 
@@ -39,6 +40,33 @@ def about_robot(file: str) -> Iterator[None]:
         if error.field.partition(".")[0] in {each.name for each in dataclasses.fields(ControlParameters)}:
             raise error.at(error.field, file) from error.__cause__
         raise
+
+
+def sort_doubts(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, model: ModelFile, parameters: ControlParameters
+) -> tuple[list[str], list[str]]:
+    """What is wrong with a robot in a plant, once its joints are held, and what is let be.
+
+    Args:
+        plant: with the robot.
+        instance: the robot.
+        model: of the robot.
+        parameters: of the robot; their limits take the place of the model's.
+    """
+    rigid = {body.index() for body in plant.GetBodiesWeldedTo(plant.world_body())}
+    wrong, passed = list[str](), list[str]()
+    for doubt in model.doubts:
+        key = doubt.key if doubt.joint in parameters.arm_joints else ""
+        if doubt.joint and not plant.HasJointNamed(doubt.joint, instance):
+            passed.append(f"{doubt.text}; let be, for the joint is held")
+        elif doubt.link and plant.GetBodyByName(doubt.link, instance).index() in rigid:
+            passed.append(f"{doubt.text}; let be, for the link does not move")
+        elif key and len(getattr(parameters, key)):
+            passed.append(f"{doubt.text}; let be, for {key} is given")
+        else:
+            instead = f", or {key} given" if key else ""
+            wrong.append(f"{model.path.name}: cannot be used: {doubt.text}{instead}")
+    return wrong, passed
 
 
 def check_way(plant: MultibodyPlant, joints: Sequence[Joint], flange: Frame) -> None:

@@ -19,6 +19,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 
 from forcectl.errors import BadInputError, unknown
 from forcectl.models import add_packages
+from forcectl.robot.ranges import Doubt
 from forcectl.robot.sdf import wrong_sdf
 from forcectl.robot.urdf import Urdf, read_urdf
 
@@ -32,6 +33,7 @@ class ModelFile:
         name: of the model.
         bodies: names of its bodies.
         urdf: what was read of a URDF file; empty for others.
+        doubts: what joints and links that move must not be.
         remarks: Drake's, one for each kind.
     """
 
@@ -39,11 +41,16 @@ class ModelFile:
     name: str
     bodies: tuple[str, ...]
     urdf: Urdf
+    doubts: tuple[Doubt, ...]
     remarks: tuple[str, ...]
 
     @classmethod
-    def look(cls, path: Path) -> ModelFile:
+    def look(cls, path: Path, everything: bool = True) -> ModelFile:
         """Read the file once.
+
+        Args:
+            path: of the file.
+            everything: all in it counts; otherwise the caller looks at `doubts`.
 
         Raises:
             BadInputError: it cannot be used.
@@ -52,15 +59,15 @@ class ModelFile:
             raise BadInputError(f"model = {path.name!r}: there is no such file in folder {str(path.parent)!r}")
         suffix = path.suffix.lower()
         urdf = read_urdf(path) if suffix == ".urdf" else Urdf()
-        problems = wrong_sdf(path) if suffix == ".sdf" else urdf.problems
-        if problems:
+        problems, doubts = wrong_sdf(path) if suffix == ".sdf" else (urdf.problems, urdf.doubts)
+        if problems := [*problems, *(each.text for each in doubts if everything)]:
             raise BadInputError(f"{path.name}: cannot be read: {'; '.join(problems)}")
         plant = MultibodyPlant(time_step=0.0)
         instances, remarks = add_models(plant, path, urdf)
         if len(instances) != 1:
             raise BadInputError(f"{path.name} holds {len(instances)} models: must hold exactly one")
         bodies = tuple(plant.get_body(index).name() for index in plant.GetBodyIndices(instances[0]))
-        return cls(path, plant.GetModelInstanceName(instances[0]), bodies, urdf, remarks)
+        return cls(path, plant.GetModelInstanceName(instances[0]), bodies, urdf, tuple(doubts), remarks)
 
 
 def add_models(plant: MultibodyPlant, path: Path, urdf: Urdf) -> tuple[list[ModelInstanceIndex], tuple[str, ...]]:

@@ -33,6 +33,7 @@ from forcectl.robot.checks import (
     check_tool_mass,
     check_way,
     check_weight,
+    sort_doubts,
 )
 from forcectl.robot.model_file import ModelFile, all_bodies, parse_models, some_bodies
 from forcectl.robot.parameters import (
@@ -67,7 +68,8 @@ class RobotParts:
     """A robot and its tools as they are in a plant.
 
     Joints and actuators are those of all arms, in the order of the parameters. `arms` has at least one entry.
-    `missing_shapes` are collision shapes of the models that nothing stands for, see `forcectl.robot.urdf`.
+    `missing_shapes` are collision shapes of the models that nothing stands for, see `forcectl.robot.urdf`; `let_be` is
+    what would be refused of them, did it move.
     """
 
     parameters: ControlParameters
@@ -76,6 +78,7 @@ class RobotParts:
     actuators: tuple[JointActuator, ...]
     arms: dict[str, ArmParts]
     missing_shapes: tuple[str, ...] = ()
+    let_be: tuple[str, ...] = ()
 
     def require_shapes(self) -> None:
         """Refuse models some of whose collision shapes are missing.
@@ -143,10 +146,14 @@ def add_robot_with(
     parameters: ControlParameters,
     tool: Tool | Mapping[str, Tool],
     X_WB: RigidTransform | None = None,
+    refused: list[str] | None = None,
 ) -> RobotParts:
-    """As `add_robot`, with control parameters that are not read from the robot's folder."""
+    """As `add_robot`, with control parameters that are not read from the robot's folder.
+
+    What is wrong with joints and links that move is added to `refused`, or raised when None.
+    """
     arms = parameters.arms or {"arm": _only_arm(parameters)}
-    whole = ModelFile.look(folder / parameters.model)
+    whole = ModelFile.look(folder / parameters.model, everything=False)
     models, filters = {whole.name: whole}, []
     tools = {}  # of each arm that has one: its parameters, and what it is called in the plant
     for arm, folder_or_name in _tool_of_each(tool, arms).items():
@@ -166,6 +173,11 @@ def add_robot_with(
     _fix_base(plant, parameters.base_frame, instance, X_WB)
     followers = _mimics(plant, whole.urdf.joints, parameters, instance)
     _hold(plant, parameters.held_joints | followers, instance)
+    wrong, let_be = sort_doubts(plant, instance, whole, parameters)
+    if wrong and refused is None:
+        raise BadInputError("; ".join(wrong))
+    refused = [] if refused is None else refused
+    refused += wrong
     names = enumerate(parameters.arm_joints)
     joints = tuple(_revolute_or_prismatic(plant, name, instance, f"arm_joints.{i}") for i, name in names)
     for i, (joint, position) in enumerate(zip(joints, parameters.default_posture, strict=True)):
@@ -183,10 +195,10 @@ def add_robot_with(
             tool_parameters, called = tools[name]
             parts[name] = _with_tool(plant, parts[name], instances[called], tool_parameters)
         first = mine.stop
-    for joint in joints:
+    for joint in () if refused else joints:
         check_moved_mass(plant, joint, parameters.model)
     missing_shapes = tuple(text for model in models.values() for text in model.urdf.missing_shapes)
-    return RobotParts(parameters, instance, joints, actuators, parts, missing_shapes)
+    return RobotParts(parameters, instance, joints, actuators, parts, missing_shapes, tuple(let_be))
 
 
 def _tool_of_each(tool: Tool | Mapping[str, Tool], arms: Iterable[str]) -> dict[str, str | Path]:

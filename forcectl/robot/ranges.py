@@ -23,8 +23,27 @@ _MOST_TURNS = 50.0  # [rad] position limit of a joint that turns; beyond it is o
 _FASTEST = 50.0  # [rad/s] velocity limit of a joint that turns; beyond it is one in degrees per second
 _ROUNDING = 1e-14
 LIMITS = ("lower", "upper", "effort", "velocity")
+_INSTEAD = {"effort": "torque_limit", "velocity": "velocity_limit"}
 _SMALLEST = {"effort": 1e-4, "velocity": 1e-5}  # that are not zero
 _SHORTEST_AXIS = 1e-6
+NEGATIVE = -1e-12  # [kg m2] moments of inertia below are negative, and not rounded
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Numbers that no robot has, in words with their line, which only count where something moves: Drake takes them.
+
+    Attributes:
+        text: what is wrong.
+        joint: counts unless this joint is held; "" where it is about a link.
+        link: counts unless this link is fixed to the world.
+        key: control parameter that takes its place where it is given; "" for none.
+    """
+
+    text: str
+    joint: str = ""
+    link: str = ""
+    key: str = ""
 
 
 @dataclass(frozen=True)
@@ -104,22 +123,23 @@ def is_axis(numbers: list[float]) -> bool:
     return math.hypot(*numbers) >= _SHORTEST_AXIS
 
 
-def wrong_limits(limits: Mapping[str, float], turns: bool = False) -> Iterator[str]:
-    """Limits of a joint that no robot has, in words.
+def wrong_limits(limits: Mapping[str, float], turns: bool = False) -> Iterator[tuple[str, str]]:
+    """Limits of a joint that no robot has, in words, each with the control parameter that takes its place, or "".
 
     Args:
         limits: of lower, upper, effort and velocity those that count; an effort or velocity of 0 is not known.
         turns: whether the joint turns.
     """
     for name, value in limits.items():
+        key = _INSTEAD.get(name, "")
         if math.isfinite(value) and abs(value) > _LARGEST[name]:
-            yield f"{name} = {value:g}: must be at most {_LARGEST[name]:g} in size, or inf for none"
+            yield f"{name} = {value:g}: must be at most {_LARGEST[name]:g} in size, or inf for none", key
         elif turns and name in ("lower", "upper") and math.isfinite(value) and abs(value) > _MOST_TURNS:
-            yield f"{name} = {value:g}: must be in radians, at most {_MOST_TURNS:g} in size, or inf for none"
+            yield f"{name} = {value:g}: must be in radians, at most {_MOST_TURNS:g} in size, or inf for none", key
         elif turns and name == "velocity" and _FASTEST < value < math.inf:
-            yield f"velocity = {value:g}: must be in rad/s, at most {_FASTEST:g}, or inf for none"
+            yield f"velocity = {value:g}: must be in rad/s, at most {_FASTEST:g}, or inf for none", key
         elif 0 < value < _SMALLEST.get(name, 0.0):
-            yield f"{name} = {value:g}: must be at least {_SMALLEST[name]:g}, or inf for none"
+            yield f"{name} = {value:g}: must be at least {_SMALLEST[name]:g}, or inf for none", key
 
 
 def wrong_friction(friction: Mapping[str, float]) -> Iterator[str]:
@@ -159,7 +179,7 @@ def wrong_body(
     least = _SMALLEST_MOMENT * densest_moment(mass)
     if moved and mass > 0 and 0 < moments[2] < least:
         return f"{principal}: the largest must be at least {least:.2g} kg m2, for its mass of {mass:g} kg"
-    if (diagonal < -1e-12).any():
+    if (diagonal < NEGATIVE).any():
         return f"inertia {_listed(diagonal)} kg m2: must not be negative"
     if mass > 0 and (short > tolerated or below > tolerated):
         return f"{principal}: must be not negative, and the largest at most the sum of the others"

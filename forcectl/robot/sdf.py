@@ -13,6 +13,7 @@ from forcectl.robot.ranges import (
     NUMBERS,
     POSITION,
     TURN,
+    Doubt,
     NumberRange,
     inertia_matrix,
     is_axis,
@@ -38,19 +39,26 @@ _ONCE = {
 }
 
 
-def wrong_sdf(path: Path) -> list[str]:
-    """What is wrong with the numbers of an SDF file, in words. Files that it includes are not looked into."""
+def wrong_sdf(path: Path) -> tuple[list[str], list[Doubt]]:
+    """What is wrong with the numbers of an SDF file, in words, and what is only where something moves.
+
+    Files that it includes are not looked into.
+    """
     lines = dict[int, int]()
     try:
         root = parse_xml(path.read_bytes(), lines)
     except OSError as error:
-        return [str(error.strerror)]
+        return [str(error.strerror)], []
     except expat.ExpatError as error:
-        return [f"not valid XML: {error}"]
-    wrong = [*_wrong_counts(root), *_wrong_texts(root)]
+        return [f"not valid XML: {error}"], []
+    wrong, doubts = [*_wrong_counts(root), *_wrong_texts(root)], list[Doubt]()
     if not wrong:
-        wrong += [*_wrong_links(root), *_wrong_joints(root)]
-    return [f"line {lines[id(element)]}: {text}" for element, text in wrong]
+        for element, text, about in (*_wrong_links(root), *_wrong_joints(root)):
+            if about:
+                doubts.append(Doubt(f"line {lines[id(element)]}: {text}", **about))
+            else:
+                wrong.append((element, text))
+    return [f"line {lines[id(element)]}: {text}" for element, text in wrong], doubts
 
 
 def _wrong_counts(root: Element) -> Iterator[tuple[Element, str]]:
@@ -93,7 +101,10 @@ def _wrong_pose(pose: Element, text: str, far: bool) -> str:
     return "" if right else f"{position.words()} and then {turn.words()}"
 
 
-def _wrong_links(root: Element) -> Iterator[tuple[Element, str]]:
+Told = tuple[Element, str, dict[str, str]]  # whom it is about, where it only counts while that moves
+
+
+def _wrong_links(root: Element) -> Iterator[Told]:
     moving = [joint for joint in root.iter("joint") if joint.get("type") != "fixed"]
     moved = {(joint.findtext("child") or "").strip().rpartition("::")[2] for joint in moving}
     for link in root.iter("link"):
@@ -104,29 +115,30 @@ def _wrong_links(root: Element) -> Iterator[tuple[Element, str]]:
             entries = _AS_BODY | _values(inertia if inertia is not None else Element("inertia"))
             mass, centre = _values(inertial).get("mass", 1.0), (numbers_in(pose) or [0.0])[:3]
             # Drake makes 1 kg of a mass of zero, and of one with an inertia that no body has.
-            text = wrong_body(mass, inertia_matrix(entries), centre, link.get("name") in moved, exact=True)
-            if text:
-                yield inertial, f"link {link.get('name')!r}: {text}"
+            M, name = inertia_matrix(entries), link.get("name", "")
+            if text := wrong_body(mass, M, centre, name in moved, exact=True):
+                still = wrong_body(mass, M, centre, moved=False, exact=True)
+                yield inertial, f"link {name!r}: {text}", {} if still else {"link": name}
 
 
-def _wrong_joints(root: Element) -> Iterator[tuple[Element, str]]:
+def _wrong_joints(root: Element) -> Iterator[Told]:
     for joint in root.iter("joint"):
         axis = joint.find("axis")
         if axis is None:
             continue
         name = f"joint {joint.get('name')!r}"
         if not is_axis(numbers_in(axis.findtext("xyz") or "0 0 1") or [0.0]):
-            yield axis, f"{name}: axis is zero: must be a direction"
+            yield axis, f"{name}: axis is zero: must be a direction", {}
         for limit in axis.findall("limit"):
             values = {name: value for name, value in _values(limit).items() if name in LIMITS}
             if values.get("velocity") == 0:
-                yield limit, f"{name}: velocity = 0: must be above zero, or left out for none"
+                yield limit, f"{name}: velocity = 0: must be above zero, or left out for none", {}
             counting = {each: _limit(each, value) for each, value in values.items()}
-            for text in wrong_limits(counting, turns=joint.get("type") == "revolute"):
-                yield limit, f"{name}: {text}"
+            for text, key in wrong_limits(counting, turns=joint.get("type") in ("revolute", "continuous")):
+                yield limit, f"{name}: {text}", {"joint": joint.get("name", ""), "key": key}
         for dynamics in axis.findall("dynamics"):
             for text in wrong_friction(_values(dynamics)):
-                yield dynamics, f"{name}: {text}"
+                yield dynamics, f"{name}: {text}", {}
 
 
 def _limit(name: str, value: float) -> float:

@@ -8,9 +8,10 @@ is replaced in a copy of the text:
 - `<mimic>` by nothing: a joint that mimics is held, see `forcectl.robot.parts`;
 - `<dynamics>` by nothing: damping and friction of a joint are those of its drive, see `forcectl.robot.assumptions`;
 - transmissions of joints without a torque limit, and gear ratios, by nothing: see `forcectl.robot.parts` for both;
+- transmissions of what is no joint that moves by nothing;
 - a material's name that stands for two colours by one for each;
 - masses of zero by no inertia at all (refused in a link that moves);
-- an inertia that no body quite has by one that a body may have (one that is far from it is refused);
+- an inertia that no body quite has by one that a body may have (one that is far from it is refused in what moves);
 - addresses of packages by the files they name, see `package_folders`.
 """
 
@@ -32,7 +33,9 @@ from forcectl.robot.meshes import Enclosure, mesh_enclosure
 from forcectl.robot.ranges import (
     GEAR_RATIO,
     LIMITS,
+    NEGATIVE,
     NUMBERS,
+    Doubt,
     inertia_matrix,
     is_axis,
     numbers_in,
@@ -78,6 +81,7 @@ class Urdf:
         text: in place of the file; "" where it can be used as it is.
         joints: those that move, by name.
         problems: what must be cured before it can be used.
+        doubts: what must be cured before joints and links that it is about may move.
         notes: what was replaced or left out.
         missing_shapes: collision shapes that there is no substitute for.
     """
@@ -85,6 +89,7 @@ class Urdf:
     text: str = ""
     joints: dict[str, UrdfJoint] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    doubts: list[Doubt] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     missing_shapes: list[str] = field(default_factory=list)
 
@@ -125,7 +130,7 @@ class _Rewriting:
     def run(self) -> None:
         self._check_tree()
         moving = [joint for joint in self._root.findall("joint") if joint.get("type") in _MOVING]
-        self._moved = {child.get("link") for joint in moving for child in joint.findall("child")}
+        self._moved = {child.get("link"): joint.get("name", "") for joint in moving for child in joint.findall("child")}
         for link in self._root.findall("link"):
             self._inertia(link)
             for kind in ("visual", "collision"):
@@ -145,6 +150,9 @@ class _Rewriting:
 
     def _problem(self, element: Element, text: str) -> None:
         self._found.problems.append(f"line {self._lines[id(element)]}: {text}")
+
+    def _doubt(self, element: Element, text: str, joint: str = "", link: str = "", key: str = "") -> None:
+        self._found.doubts.append(Doubt(f"line {self._lines[id(element)]}: {text}", joint, link, key))
 
     def _remove(self, parent: Element, child: Element) -> None:
         parent.remove(child)
@@ -189,17 +197,22 @@ class _Rewriting:
             mass = float(mass_element.get("value", "0")) if mass_element is not None else 0.0
             read = {name: float(inertia.get(name, "0")) for name in NUMBERS["inertia"]} if inertia is not None else {}
             inertias = inertia_matrix(read) if read else np.zeros((3, 3))
-            moments, name = np.linalg.eigvalsh(inertias), link.get("name")
+            moments, name = np.linalg.eigvalsh(inertias), link.get("name", "")
             moved = name in self._moved
             wrong = wrong_body(mass, inertias, _centre(inertial), moved and mass_element is not None)
-            if wrong:
+            if moved and read and mass > 0 and not moments.any():
+                wrong = "inertia is zero: must be above zero in a link that moves"
+            if wrong and (mass < 0 or (np.diag(inertias) < NEGATIVE).any()):
                 self._problem(link, f"link {name!r}: {wrong}")
-            elif mass == 0:
+                continue
+            if wrong:  # a finger that is held may weigh nothing, as what is fixed to the hand
+                empty = moved and (mass == 0 or not moments.any())
+                about = {"joint": self._moved[name]} if empty else {"link": name}
+                self._doubt(link, f"link {name!r}: {wrong}", **about)
+            if mass == 0:
                 self._remove(link, inertial)
                 if moments.any():
                     self._found.notes.append(f"link {name}: inertia without a mass, left out")
-            elif moved and read and not moments.any():
-                self._problem(link, f"link {name!r}: inertia is zero: must be above zero in a link that moves")
             elif moments[0] < 0 or moments[2] > (1 + 1e-6) * (moments[0] + moments[1]) + 1e-12:
                 self._raise_moments(inertia, inertias)
                 self._found.notes.append(f"link {name}: no body has such an inertia; its smaller moments are raised")
@@ -275,7 +288,7 @@ class _Rewriting:
             return
         axis, limit = joint.find("axis"), joint.find("limit")
         if limit is None and kind != "continuous" and mimic is None:
-            self._problem(joint, f"joint {name!r} has no <limit>: must have one, or be of type continuous")
+            self._doubt(joint, f"joint {name!r} has no <limit>: must have one, or be of type continuous", name)
         if axis is not None and not is_axis(numbers_in(axis.get("xyz", "1 0 0")) or [1.0]):
             self._problem(joint, f"joint {name!r}: axis is zero: must be a direction")
         values = {each: float(limit.get(each, "0")) for each in LIMITS} if limit is not None else {}
@@ -288,21 +301,22 @@ class _Rewriting:
             if limit is not None and limit.get(each) is not None and values[each] == 0:
                 self._found.notes.append(f"joint {name}: {each} = 0: counts as not known")
         counting = values if kind != "continuous" else {each: values[each] for each in ("effort", "velocity") if values}
-        for text in wrong_limits(counting, turns=kind == "revolute"):
-            self._problem(joint, f"joint {name!r}: {text}")
+        for text, key in wrong_limits(counting, turns=kind != "prismatic"):
+            self._doubt(joint, f"joint {name!r}: {text}", name, key=key)
         dynamics = joint.find("dynamics")
         friction = (
             {each: float(dynamics.get(each, "0")) for each in NUMBERS["dynamics"]} if dynamics is not None else {}
         )
         for text in wrong_friction(friction):
-            self._problem(joint, f"joint {name!r}: {text}")
+            self._doubt(joint, f"joint {name!r}: {text}", name)
         if any(friction.values()) and dynamics is not None:
             self._remove(joint, dynamics)
         mimics = None
         if mimic is not None:
             mimics = (mimic.get("joint", ""), float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0")))
             if mimics[0] not in {each.get("name") for each in self._root.findall("joint")}:
-                self._problem(joint, f"joint {name!r}: mimics {mimics[0]!r}: there is no such joint")
+                self._doubt(joint, f"joint {name!r}: mimics {mimics[0]!r}: there is no such joint", name)
+                mimics = None
         # Zero stands for "not known" in public models: nothing could move otherwise.
         effort, velocity = (values.get(each, 0.0) or math.inf for each in ("effort", "velocity"))
         endless = [each for each, value in values.items() if not math.isfinite(value)]
@@ -336,7 +350,10 @@ class _Rewriting:
                 ratio = float(text)
                 self._found.joints |= {name: replace(joint, reduction=ratio) for name, joint in joints.items()}
                 self._remove(part, reduction)
-        if any(not math.isfinite(joint.effort) for joint in joints.values()):
+        if names and not joints:
+            self._found.notes.append(f"transmission of {', '.join(names)}: no joint that moves, left out")
+            self._remove(self._root, transmission)
+        elif any(not math.isfinite(joint.effort) for joint in joints.values()):
             self._remove(self._root, transmission)
 
 

@@ -79,3 +79,60 @@ def test_joints_may_stand_in_any_order_with_all_lists(tmp_path):
     assert a.mass_matrix(at_a) == pytest.approx(b.mass_matrix(at_b)[::-1, ::-1])
     assert a.joint_stiffness == pytest.approx(b.joint_stiffness[::-1])
     assert a.motor_inertia == pytest.approx(b.motor_inertia[::-1, ::-1])
+
+
+BODY = '<inertial><mass value="{}"/><inertia ixx="{}" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>'
+HEAD = f"""<link name="head">{BODY.format(1, 1e-3)}</link>
+<joint name="head_pan" type="revolute"><parent link="base"/><child link="head"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="5" velocity="2"/></joint>
+<link name="antenna">{BODY.format(0.01, 1e-3)}</link>
+<joint name="antenna_mount" type="fixed"><parent link="{{}}"/><child link="antenna"/></joint></robot>"""
+# Of a head and what is fixed to it: what is written there; instead; how it is told.
+DOUBTS = [
+    ('velocity="2"', 'velocity="1e4"', "joint 'head_pan': velocity = 10000: must be at most 1000 in size, or inf for"),
+    ('effort="5"', 'effort="1e9"', "joint 'head_pan': effort = 1e+09: must be at most 1e+06 in size, or inf for none"),
+    (
+        'lower="-1"',
+        'lower="-170"',
+        "joint 'head_pan': lower = -170: must be in radians, at most 50 in size, or inf for",
+    ),
+    ("</joint>", '<dynamics damping="-1"/></joint>', "joint 'head_pan': damping = -1: must be from 0 to 1e+06"),
+    ("<limit", "<no_limit", "joint 'head_pan' has no <limit>: must have one, or be of type continuous"),
+    ('mass value="1"', 'mass value="0"', "link 'head': mass = 0 kg: must be from 1e-09 to 10000 kg in a link that mo"),
+    ('ixx="0.001" iyy="1e-3" izz="1e-3"', 'ixx="0"', "link 'head': inertia is zero: must be above zero in a link tha"),
+    (
+        'mass value="0.01"',
+        'mass value="1e-9"',
+        "link 'antenna': principal moments of inertia 0.001, 0.001, 0.001 kg m2",
+    ),
+    ('value="0.01"/><inertia ixx="0.001"', 'value="1"/><inertia ixx="1"', "link 'antenna': principal moments of inert"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), DOUBTS, ids=[new for _, new, _ in DOUBTS])
+def test_what_does_not_move_with_an_arm_is_let_be(tmp_path, old, new, message):
+    file = write_planar_robot(tmp_path, CONTROL + "held_joints: {slide: 0, head_pan: 0}\n") / "planar.urdf"
+    text = file.read_text()
+    assert old in HEAD
+    file.write_text(text.replace("</robot>", HEAD.format("head").replace(old, new)))
+    (note,) = RobotModel.load(tmp_path, None).parts.let_be
+    assert re.match(rf"line \d+: {re.escape(message)}.*; let be, for the (joint is held|link does not move)$", note)
+    (tmp_path / "planar.control.yaml").write_text(CONTROL + "held_joints: {slide: 0}\n")
+    assert re.match(rf"planar\.urdf: cannot be used: line \d+: {re.escape(message)}", told(tmp_path))
+    if "antenna" in message:  # on the last link of the arm
+        (tmp_path / "planar.control.yaml").write_text(CONTROL + "held_joints: {slide: 0, head_pan: 0}\n")
+        file.write_text(text.replace("</robot>", HEAD.format("hand").replace(old, new)))
+        assert message in told(tmp_path)
+
+
+@pytest.mark.parametrize(("name", "value"), [("velocity", "140"), ("effort", "1e12")])
+def test_a_limit_of_the_parameters_takes_the_place_of_one_that_is_a_slip(tmp_path, name, value):
+    key = {"velocity": "velocity_limit", "effort": "torque_limit"}[name]
+    file = write_planar_robot(tmp_path, CONTROL + "held_joints: {slide: 0}\n") / "planar.urdf"
+    file.write_text(re.sub(rf'{name}="\w+"', f'{name}="{value}"', file.read_text()))
+    assert f", or inf for none, or {key} given; planar.urdf: cannot be used: line " in told(tmp_path)
+    (tmp_path / "planar.control.yaml").write_text(f"{CONTROL}held_joints: {{slide: 0}}\n{key}: [50, 40, 30]\n")
+    robot = RobotModel.load(tmp_path, None)
+    assert robot.limits.torque[1] == (50 if name == "velocity" else 40)
+    held = ["let be, for the joint is held"] * (name == "effort")  # it slides: as fast as that it may
+    assert [note.rpartition("; ")[2] for note in robot.parts.let_be] == [*held, *[f"let be, for {key} is given"] * 3]

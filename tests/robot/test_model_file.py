@@ -110,6 +110,26 @@ def test_what_sdf_says_in_its_own_way_is_read(tmp_path, old, new):
     assert ModelFile.look(write_sdf(tmp_path, ARM.replace(old, new))).bodies == ("base", "hand")
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "about"),
+    [
+        ("<velocity>3<", "<velocity>1e9<", ("wrist", "")),
+        ("<lower>-1<", "<lower>-170<", ("wrist", "")),
+        ("<mass>2<", "<mass>1e5<", ("", "hand")),
+        ("<mass>2<", "<mass>0<", None),
+        ("<damping>0<", "<damping>-1<", None),
+    ],
+)
+def test_what_only_counts_where_it_moves_is_a_doubt(tmp_path, old, new, about):
+    file = write_sdf(tmp_path, ARM.replace(old, new))
+    if about is None:
+        with pytest.raises(BadInputError, match=r"^own\.sdf: cannot be read: "):
+            ModelFile.look(file, everything=False)
+        return
+    (doubt,) = ModelFile.look(file, everything=False).doubts
+    assert (doubt.joint, doubt.link) == about
+
+
 @pytest.mark.parametrize("mass", ["0", "-1"])
 def test_a_file_that_an_sdf_includes_has_masses(tmp_path, mass):
     inside = f"<link name='a'><inertial><mass>{mass}</mass></inertial></link>"

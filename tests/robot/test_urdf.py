@@ -96,6 +96,19 @@ def test_an_arm_joint_is_not_followed(arm):
         RobotModel.load(arm, None)
 
 
+def test_a_transmission_of_no_joint_and_a_leader_that_is_none_stop_no_arm(arm):
+    text = (arm / "arm.urdf").read_text().replace('<mimic joint="finger_a_joint"', '<mimic joint="left_hand"')
+    drive = '<transmission><type>SimpleTransmission</type><joint name="{0}"/><actuator name="{0}_m"/></transmission>'
+    text = text.replace("</robot>", f"{drive.format('tail')}{drive.format('tool0_mount')}</robot>")
+    (arm / "arm.urdf").write_text(text)
+    left_out = [note for note in read_urdf(arm / "arm.urdf").notes if "transmission" in note]
+    assert left_out == [f"transmission of {name}: no joint that moves, left out" for name in ("tail", "tool0_mount")]
+    with pytest.raises(BadInputError, match=r"'finger_b_joint': mimics 'left_hand': there is no such joint"):
+        RobotModel.load(arm, None)
+    (arm / "arm.control.yaml").write_text(ARM + "held_joints: {finger_a_joint: 0.01, finger_b_joint: 0}\n")
+    assert RobotModel.load(arm, None).plant.num_positions() == 6
+
+
 def test_the_file_is_never_changed(arm):
     before = (arm / "arm.urdf").read_bytes()
     RobotModel.load(arm, None)
@@ -248,8 +261,10 @@ PROBLEMS = [
 def test_a_problem_is_told_in_words(tmp_path, old, new, message):
     file = write_planar_robot(tmp_path) / "planar.urdf"
     file.write_text(file.read_text().replace(old, new))
-    assert any(message in problem for problem in read_urdf(file).problems), read_urdf(file).problems
-    with pytest.raises(BadInputError, match=r"planar\.urdf: cannot be read: ") as caught:
+    urdf = read_urdf(file)
+    told = [*urdf.problems, *(doubt.text for doubt in urdf.doubts)]
+    assert any(message in text for text in told), told
+    with pytest.raises(BadInputError, match=r"planar\.urdf: cannot be (read|used): ") as caught:
         RobotModel.load(tmp_path, None)
     assert "\n" not in str(caught.value)
 

@@ -187,13 +187,13 @@ class Explorer:
     """A robot with its shapes, moved to postures.
 
     Args:
-        folder, parameters: see `add_robot_with`.
+        folder, parameters, refused: see `add_robot_with`.
     """
 
-    def __init__(self, folder: Any, parameters: ControlParameters):
+    def __init__(self, folder: Any, parameters: ControlParameters, refused: list[str]):
         self.plant, self.scene_graph = MultibodyPlant(0.0), SceneGraph()
         self.plant.RegisterAsSourceForSceneGraph(self.scene_graph)
-        self.parts = add_robot_with(self.plant, folder, parameters, None)
+        self.parts = add_robot_with(self.plant, folder, parameters, None, refused=refused)
         self.plant.Finalize()
         self._context = self.plant.CreateDefaultContext()
         self._q = np.array([joint.position_start() for joint in self.parts.joints])

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RevoluteJoint
+from pydrake.multibody.tree import RevoluteJoint
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.reader import Reader
@@ -24,13 +24,13 @@ from forcectl.robot.checks import about_robot, check_drives, check_weight
 from forcectl.robot.model_file import ModelFile, add_models
 from forcectl.robot.parameters import DERIVED, PER_JOINT, ControlParameters, missing_limits, read_keys
 from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
+from forcectl.runs.robots.remarks import remarks
 
 Array = NDArray[np.float64]
 
 _SUFFIXES = (".urdf", ".sdf", ".xml")
 _SPEED, _TORQUE, _LENGTH = 2.0, 100.0, 0.5  # [rad/s], [Nm], [m], until something better is known
 _PUSH = 20.0  # [N], at the tool
-_NO_INERTIA = 1e-9  # [kg m2]
 _FILTER = {"natural_frequency": 75, "damping_ratio": 1}
 _FASTEST = 1e-4  # [s], a period with which no filter is too fast
 # Keys of which nothing can be said once one of them is wrong, by that one.
@@ -186,7 +186,7 @@ def _is_model(file: Path) -> bool:
 
 def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> None:
     """Look at keys and model; what is wrong is told and left out, until the rest can be used."""
-    file = ModelFile.look(model)
+    file = ModelFile.look(model, everything=False)
     report.read = True
     report.notes += [*file.urdf.notes, *file.remarks]
     plant = MultibodyPlant(time_step=0.0)
@@ -200,9 +200,9 @@ def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> Non
         report.problems.append(str(error.at(error.key, place(origin, keys.lines, error.key))))
         wrong.add("arm_joints")
     while True:
-        report.missing = dict(named)
+        report.missing, refused = dict(named), list[str]()
         try:
-            _understand(report, model, rest, wrong, tree)
+            _understand(report, model, rest, wrong, tree, refused)
         except BadInputError as error:
             first = error.field.partition(".")[0]
             told = error.at(error.field, place(origin, keys.lines, error.field)) if first in keys else error
@@ -211,6 +211,7 @@ def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> Non
                 wrong |= {first, error.field}
                 continue
         break
+    report.problems += refused
     touched = {"reference_filter", "ignored_collisions"}  # that more is said of than there is
     report.missing = {name: text for name, text in report.missing.items() if name in touched or name not in keys}
 
@@ -249,7 +250,9 @@ def _left_out(rest: Tagged, key: str) -> bool:
     return True
 
 
-def _understand(report: RobotReport, model: Path, rest: Tagged, wrong: Collection[str], tree: ModelTree) -> None:
+def _understand(
+    report: RobotReport, model: Path, rest: Tagged, wrong: Collection[str], tree: ModelTree, refused: list[str]
+) -> None:
     values, plant = Tagged({"model": str(model.relative_to(report.folder))} | plain(rest)), tree.plant
     _add_arms(report, values, tree)
     given = values.setdefault("reference_filter", Tagged())
@@ -275,7 +278,7 @@ def _understand(report: RobotReport, model: Path, rest: Tagged, wrong: Collectio
     }
     parameters = Reader().dataclass(ControlParameters, Tagged(values | {name: some[name] for name in unknown}))
     with about_robot(next(report.folder.glob(ROBOT_PARAMETERS), model).name):
-        explorer = Explorer(report.folder, parameters)
+        explorer = Explorer(report.folder, parameters, refused)
         parts = explorer.parts
         if not set(some) & unknown - {"default_posture_deg"} and not _BASIC & set(wrong):
             check_drives(parts.parameters, parts.actuators)
@@ -289,7 +292,7 @@ def _understand(report: RobotReport, model: Path, rest: Tagged, wrong: Collectio
     if touching:
         pairs = ", ".join(f"[{a}, {b}]" for a, b in [*ignored, *touching])
         report.missing["ignored_collisions"] = f"ignored_collisions: [{pairs}]"
-    report.notes += _remarks(robot, tree, wrong)
+    report.notes += remarks(explorer, found, tree, wrong)
 
 
 def _add_arms(report: RobotReport, values: Tagged, tree: ModelTree) -> None:
@@ -343,21 +346,6 @@ def _proposed(robot: Understood) -> dict[str, str]:
         "velocity_limit": _list(speeds),
         "torque_limit": _list([float(f"{max(each, 1.0):.2g}") for each in need]),
     }
-
-
-def _remarks(robot: Understood, tree: ModelTree, wrong: Collection[str]) -> Iterator[str]:
-    plant, parts, arm_joints = robot.explorer.plant, robot.explorer.parts, robot.parameters.arm_joints
-    there = [joint.name() for joint in tree.moving if plant.HasJointNamed(joint.name())]
-    loose = [name for name in there if name not in arm_joints]
-    if loose and not {"held_joints", "arm_joints", "arms"} & set(wrong):
-        yield f"joints {', '.join(loose)} are neither of an arm nor held: they move freely"
-    for name, inertia in zip(arm_joints, robot.found.inertia, strict=True):
-        if inertia < _NO_INERTIA:
-            yield f"what joint {name} moves has no inertia: only its rotor resists"
-    if parts.missing_shapes:
-        yield "some collision shapes are missing: links keep no distance and do not touch (link_distance: 0)"
-    elif not any(plant.GetCollisionGeometriesForBody(plant.get_body(BodyIndex(i))) for i in range(plant.num_bodies())):
-        yield "there are no collision shapes: links keep no distance and do not touch (link_distance: 0)"
 
 
 def _endless(values: Tagged, plant: MultibodyPlant) -> set[str]:

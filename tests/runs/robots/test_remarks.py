@@ -1,0 +1,38 @@
+"""What `forcectl robot` notes of a robot beside what is missing."""
+
+from __future__ import annotations
+
+from forcectl.runs.robots.report import examine_robot
+from tests.examples.public_robots import write_public_robot
+
+
+def test_what_is_wrong_outside_of_the_arms_hides_nothing(tmp_path):
+    folder = write_public_robot(tmp_path)
+    head = '<limit lower="-1" upper="1" effort="5" velocity="10000"/>'
+    text = (folder / "arm.urdf").read_text()
+    ends = '<parent link="base_link"/><child link="head"/>'
+    head = f'<link name="head"/><joint name="head_pan" type="revolute">{ends}{head}</joint></robot>'
+    (folder / "arm.urdf").write_text(text.replace("</robot>", head))
+    report = examine_robot(folder)
+    assert report.problems == []
+    (note,) = [note for note in report.notes if "head_pan" in note]
+    assert "velocity = 10000: must be at most 1000 in size, or inf for none; let be, for the joint is held" in note
+    assert "head_pan: 0" in report.missing["held_joints"]
+
+
+def test_what_is_wrong_in_an_arm_is_told_beside_all_that_is_missing(tmp_path):
+    folder = write_public_robot(tmp_path)
+    text = (folder / "arm.urdf").read_text()
+    (folder / "arm.urdf").write_text(
+        text.replace('velocity="3.0"', 'velocity="100"').replace('mass value="4.0"', 'mass value="1e5"')
+    )
+    report = examine_robot(folder)
+    assert len(report.problems) == 7
+    wrong = "velocity = 100: must be in rad/s, at most 50, or inf for none, or velocity_limit given"
+    assert report.problems[1].startswith("arm.urdf: cannot be used: line ")
+    assert report.problems[1].endswith(wrong)
+    assert {"arm_joints", "flange_frame", "default_posture_deg", "torque_limit"} <= set(report.missing)
+    (folder / "my.control.yaml").write_text(report.yaml() + "\nvelocity_limit: [3, 3, 3, 3, 3, 3]\n")
+    problems = examine_robot(folder).problems
+    assert not any("velocity" in problem for problem in problems)
+    assert "link 'link_3': mass = 100000 kg: must be from" in problems[-1]
