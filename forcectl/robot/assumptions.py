@@ -7,8 +7,10 @@ A data sheet gives limits, seldom anything of motors and gears. From the largest
     gear ratio             100
     rotor inertia          B = tau (20 ms) / v, joint side: rotors alone would reach v in 20 ms
     transmission damping   4 % of critical, 2 * 0.04 * sqrt(stiffness * B)
-    Coulomb friction       5 % of tau
-    viscous friction       15 % of tau at v
+    Coulomb friction       5 % of tau, unless a joint of the model has any
+    viscous friction       15 % of tau at v, unless a joint of the model has any
+
+A friction of 0 that all joints of a model have is a simulator's: a joint that nothing sticks in feels forces too well.
 
 The two robots shipped with forcectl, an industrial arm of 160 kg and one of 38 kg with two arms, have each of these
 within a factor of 4. Friction decides how well forces are felt and how a force loop hunts: measure it if you can.
@@ -35,6 +37,7 @@ ACCELERATION_TIME = 0.15  # [s]
 DAMPING_RATIO = 0.04
 COULOMB_SHARE, VISCOUS_SHARE = 0.05, 0.15
 ASSUMED_SET = "assumed"
+OF_MODEL = "the model's"
 
 
 def completed(
@@ -84,7 +87,7 @@ def completed(
         values["default_stiffness_set"] = ASSUMED_SET
     geared = drives["gear_ratio"]
     if (geared != 1).any():
-        ratio = fill("gear_ratio", "the model's", lambda: geared)
+        ratio = fill("gear_ratio", OF_MODEL, lambda: geared)
     else:
         ratio = fill("gear_ratio", f"{GEAR_RATIO:g}", lambda: np.full(n, GEAR_RATIO))
     rule = f"joint side, the largest torque would bring it to the largest speed in {1e3 * ROTOR_TIME:g} ms"
@@ -92,9 +95,10 @@ def completed(
     rule = f"{100 * DAMPING_RATIO:g} % of critical of the rotor on its spring"
     fill("transmission_damping", rule, lambda: 2 * DAMPING_RATIO * np.sqrt(stiffness * rotor * ratio**2))
     coulomb, viscous = drives["coulomb_friction"], drives["viscous_friction"]
-    if coulomb.any() or viscous.any():
-        fill("coulomb_friction", "the model's", lambda: coulomb)
-        fill("viscous_friction", "the model's", lambda: viscous)
+    if coulomb.any():
+        fill("coulomb_friction", OF_MODEL, lambda: coulomb)
+    if viscous.any():
+        fill("viscous_friction", OF_MODEL, lambda: viscous)
     rule = f"{100 * COULOMB_SHARE:g} % of the largest torque"
     fill("coulomb_friction", rule, lambda: COULOMB_SHARE * torque)
     rule = f"{100 * VISCOUS_SHARE:g} % of the largest torque, at the largest speed"

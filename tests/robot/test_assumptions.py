@@ -37,6 +37,28 @@ def test_what_is_given_stays_and_is_not_called_assumed(tmp_path):
     assert not {"coulomb_friction", "gear_ratio"} & set(parameters.assumed)
 
 
+@pytest.mark.parametrize(
+    ("dynamics", "rules", "coulomb"),
+    [
+        ('damping="0.7" friction="0.0"', ["5 % of the largest torque", "the model's"], 2.5),
+        ('friction="0.4"', ["the model's", "15 % of the largest torque, at the largest speed"], 0.4),
+        ('damping="0.7" friction="0.4"', ["the model's"] * 2, 0.4),
+        (
+            'damping="0" friction="0"',
+            ["5 % of the largest torque", "15 % of the largest torque, at the largest s"],
+            2.5,
+        ),
+    ],
+)
+def test_a_friction_of_zero_in_all_joints_counts_as_not_known(tmp_path, dynamics, rules, coulomb):
+    file = write_planar_robot(tmp_path, LITTLE) / "planar.urdf"
+    file.write_text(file.read_text().replace("</joint>", f"<dynamics {dynamics}/></joint>"))
+    parameters = RobotModel.load(tmp_path, None).parameters
+    for key, rule in zip(("coulomb_friction", "viscous_friction"), rules, strict=True):
+        assert parameters.assumed[key].startswith(rule)
+    np.testing.assert_allclose(parameters.coulomb_friction, coulomb)
+
+
 def test_limits_of_the_parameters_are_those_of_the_robot(tmp_path):
     limits = "velocity_limit: [1, 2, 4]\nacceleration_limit: [3, 4, 5]\ntorque_limit: [10, 20, 30]\n"
     robot = RobotModel.load(write_planar_robot(tmp_path, LITTLE + limits), None)

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 
 from pydrake.multibody.tree import BodyIndex
 
+from forcectl.robot.assumptions import OF_MODEL
 from forcectl.runs.robots.proposal import Explorer, Found, ModelTree
 
 _NO_INERTIA = 1e-9  # [kg m2]
@@ -29,7 +30,21 @@ def remarks(explorer: Explorer, found: Found, tree: ModelTree, wrong: Collection
     for name, inertia in zip(arm_joints, found.inertia, strict=True):
         if inertia < _NO_INERTIA:
             yield f"what joint {name} moves has no inertia: only its rotor resists"
+    yield from _of_friction(explorer, tree)
     if parts.missing_shapes:
         yield "some collision shapes are missing: links keep no distance and do not touch (link_distance: 0)"
     elif not any(plant.GetCollisionGeometriesForBody(plant.get_body(BodyIndex(i))) for i in range(plant.num_bodies())):
         yield "there are no collision shapes: links keep no distance and do not touch (link_distance: 0)"
+
+
+def _of_friction(explorer: Explorer, tree: ModelTree) -> Iterator[str]:
+    parameters = explorer.parts.parameters
+    rule = parameters.assumed.get("coulomb_friction")
+    if rule is None:
+        return
+    joints = {name: tree.urdf.joints[name] for name in parameters.arm_joints if name in tree.urdf.joints}
+    slick = ", ".join(name for name, joint in joints.items() if not joint.friction)
+    if rule == OF_MODEL and slick:
+        yield f"friction of the model is 0 in {slick}: nothing sticks; without a sensor forces are felt too well"
+    elif rule != OF_MODEL and any(joint.damping for joint in joints.values()):
+        yield f"friction of the model is 0 in all arm joints: counts as not known, {rule} is assumed"

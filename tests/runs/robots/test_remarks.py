@@ -2,8 +2,36 @@
 
 from __future__ import annotations
 
+import pytest
+
 from forcectl.runs.robots.report import examine_robot
 from tests.examples.public_robots import write_public_robot
+from tests.examples.robot_folders import CONTROL, write_planar_robot
+
+LITTLE = "\n".join(line for line in CONTROL.splitlines() if "friction" not in line) + "\n"
+ZERO = "friction of the model is 0 in all arm joints: counts as not known, 5 % of the largest torque is assumed"
+SLICK = "friction of the model is 0 in shoulder, wrist: nothing sticks; without a sensor forces are felt too well"
+
+
+@pytest.mark.parametrize(
+    ("control", "elbow", "others", "note"),
+    [
+        (LITTLE, 'damping="0.7" friction="0"', 'damping="0.7" friction="0"', ZERO),
+        (LITTLE, 'damping="0.7" friction="1"', 'damping="0.7" friction="0"', SLICK),
+        (LITTLE, 'damping="0.7" friction="1"', 'damping="0.7" friction="1"', None),
+        (LITTLE, "", "", None),
+        (CONTROL, 'damping="0.7" friction="0"', 'damping="0.7" friction="0"', None),
+    ],
+    ids=["all", "some", "none", "nothing said", "given"],
+)
+def test_joints_in_which_nothing_sticks_are_noted(tmp_path, control, elbow, others, note):
+    file = write_planar_robot(tmp_path, control) / "planar.urdf"
+    before, after = file.read_text().split('<joint name="elbow"', 1)
+    within, after = after.split("</joint>", 1)
+    before, after = (text.replace("</joint>", f"<dynamics {others}/></joint>") for text in (before, after))
+    file.write_text(f'{before}<joint name="elbow"{within}<dynamics {elbow}/></joint>{after}')
+    notes = [each for each in examine_robot(tmp_path).notes if each.startswith("friction")]
+    assert notes == ([note] if note else [])
 
 
 def test_what_is_wrong_outside_of_the_arms_hides_nothing(tmp_path):
