@@ -5,10 +5,13 @@ A machine is refused, in one line with the key, when
 * `start`, `to`, `on_timeout` or `on_bad_signal` is no mode of it, or a transition of a mode leads back to it;
 * a mode is neither an end nor has a timeout, is both, or cannot be reached from the start;
 * the timeouts alone do not lead from each mode to an end: a machine none of whose guards ever holds ends, too;
+* it is a success without a guard that holds: the first mode is an end, there are no guards, or the timeouts alone lead
+  to a success from the start or from `on_bad_signal`;
 * a guard compares nothing with a signal, or cannot hold before the timeout; a second one is the same as the first;
 * a comparison in a guard comes out the same whatever the signals are, or counts visits of a mode that nothing leads
   back to;
-* the timeout of a mode leads to a success that one of its guards leads to: nothing would depend on that guard;
+* the timeout of a mode leads to a success that one of its guards leads to, too, at once or by way of other modes:
+  nothing would depend on that guard;
 * a guard holds from the first tick of its mode on, or one of `always` from the first tick of the machine on;
 * no mode is a success, or a failure has no reason, or another mode has one;
 * a name of a mode is not made of letters, digits and _, or a gripper is neither open nor closed.
@@ -77,6 +80,8 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
         if not (isinstance(name, str) and name.isidentifier()):
             raise invalid("modes", name, "named by letters, digits and _, not beginning with a digit")
     _check_mode("start", start, modes)
+    if modes[start].end:
+        raise BadInputError(" is that of the start: must be no end", key=f"modes.{start}")
     if on_bad_signal:
         _check_mode("on_bad_signal", on_bad_signal, modes)
     for i, exit_ in enumerate(always):
@@ -100,6 +105,7 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
             raise BadInputError(f"cannot be reached from {start!r}: no transition leads there", key=f"modes.{name}")
     for name in modes:
         _check_timeouts(name, modes)
+    _check_successes(modes, start, on_bad_signal, always)
     once = [
         name for name, mode in modes.items() if mode.end or name not in _reached(modes, [*_targets(mode), *anywhere])
     ]
@@ -198,9 +204,6 @@ def _check_ways(place: str, name: str, mode: MachineModeConfig, modes: Modes) ->
         _check_mode(key, target, modes)
         if target == name:
             raise invalid(key, target, "another mode than this one")
-    if modes[mode.on_timeout].end == "success" and mode.on_timeout in [exit_.to for exit_ in mode.exits]:
-        allowed = "another mode than the success that a guard leads to: else it is one whether that holds or not"
-        raise invalid(f"{place}.on_timeout", mode.on_timeout, allowed)
     _check_guards(f"{place}.exits", mode.exits, mode.timeout)
 
 
@@ -236,12 +239,13 @@ def _check_open(key: str, condition: Expression, first: Mapping[str, tuple[float
         raise BadInputError(f" = {condition.text!r} is true from the first tick on: must be false there", key=key)
 
 
-def _reached(modes: Modes, begins: Sequence[str]) -> set[str]:
+def _reached(modes: Modes, begins: Sequence[str], without: str = "") -> set[str]:
+    """Modes that transitions lead to, on ways around one."""
     reached: set[str] = set()
     waiting = list(begins)
     while waiting:
         name = waiting.pop()
-        if name not in reached:
+        if name not in reached and name != without:
             reached.add(name)
             waiting += _targets(modes[name])
     return reached
@@ -254,13 +258,38 @@ def _targets(mode: MachineModeConfig) -> list[str]:
 
 def _check_timeouts(name: str, modes: Modes) -> None:
     """Refuse a mode from which the timeouts lead around a ring."""
+    *way, last = _way_of_timeouts(name, modes)
+    if not modes[last].end:
+        ring = ", ".join(way[way.index(last) :])
+        raise BadInputError(
+            f" = {last!r}: must lead to an end by timeouts alone, not around {ring}",
+            key=f"modes.{way[-1]}.on_timeout",
+        )
+
+
+def _check_successes(modes: Modes, start: str, on_bad_signal: str, always: Sequence[ExitConfig]) -> None:
+    """Refuse a success that is one whatever happens; the modes are checked on their own."""
+    if not always and not any(mode.exits for mode in modes.values()):
+        raise BadInputError("one of them must have exits: nothing that happens matters to this machine", key="modes")
+    if on_bad_signal and modes[_way_of_timeouts(on_bad_signal, modes)[-1]].end == "success":
+        allowed = "a failure, or a mode whose timeout leads to one: missing readings are no success"
+        raise invalid("on_bad_signal", on_bad_signal, allowed)
+    *waiting, last = _way_of_timeouts(start, modes)
+    if modes[last].end == "success":
+        allowed = "a failure: no guard holds on that way from the start. One such as time > 2 may lead to a success"
+        raise invalid(f"modes.{waiting[-1]}.on_timeout", last, allowed)
+    for name, mode in modes.items():
+        if mode.end or modes[mode.on_timeout].end != "success":
+            continue
+        for exit_ in mode.exits:
+            if mode.on_timeout in _reached(modes, [exit_.to], without=name):
+                allowed = "another than the success that a guard leads to, which is one whether that holds or not"
+                raise invalid(f"modes.{name}.on_timeout", mode.on_timeout, allowed)
+
+
+def _way_of_timeouts(name: str, modes: Modes) -> list[str]:
+    """Modes that follow while no guard holds: to an end, or to one that was there before."""
     way = [name]
-    while not modes[way[-1]].end:
-        following = modes[way[-1]].on_timeout
-        if following in way:
-            ring = ", ".join(way[way.index(following) :])
-            raise BadInputError(
-                f" = {following!r}: must lead to an end by timeouts alone, not around {ring}",
-                key=f"modes.{way[-1]}.on_timeout",
-            )
-        way.append(following)
+    while not modes[way[-1]].end and way[-1] not in way[:-1]:
+        way.append(modes[way[-1]].on_timeout)
+    return way

@@ -58,7 +58,17 @@ BAD = {
     ),
     "a success that is one anyway": (
         changed("opening", on_timeout="inserted"),
-        "modes.opening.on_timeout = 'inserted': must be another mode than the success that a guard leads to",
+        "modes.opening.on_timeout = 'inserted': must be another than the success that a guard leads to",
+    ),
+    "a success that other modes lead to, too": (
+        lambda modes: without("no_contact")(changed("compliant", on_timeout="inserted")(modes)),
+        "modes.compliant.on_timeout = 'inserted': must be another than the success that a guard leads to",
+    ),
+    "a success of time alone": (
+        lambda modes: without("missed")(
+            changed("approach", on_timeout="resting")(modes) | {"resting": mode(on_timeout="inserted")}
+        ),
+        "modes.resting.on_timeout = 'inserted': must be a failure: no guard holds on that way from the start",
     ),
     "a gripper ajar": (changed("opening", grippers={"right": "ajar"}), "modes.opening.grippers.right = 'ajar'"),
     "a name with a blank": (lambda modes: modes | {"hold on": end("success")}, "modes = 'hold on': must be named by"),
@@ -98,6 +108,27 @@ def test_a_machine_that_is_one_is_not_refused():
     """Rings of guards are allowed, and timeouts that lead back where others lead on."""
     check_modes(peg(), "approach")
     check_modes(changed("stopping", on_timeout="approach")(peg()), "approach")
+
+
+def test_a_success_needs_something_that_happens():
+    with pytest.raises(BadInputError, match=r"^modes\.inserted is that of the start: must be no end"):
+        check_modes({"inserted": end("success")}, "inserted")
+    modes = {"rest": mode(on_timeout="done"), "done": end("success")}
+    with pytest.raises(BadInputError, match=r"^modes: one of them must have exits: nothing that happens matters"):
+        check_modes(modes, "rest")
+    with pytest.raises(BadInputError, match=r"^modes\.rest\.on_timeout = 'done': must be a failure: no guard holds on"):
+        check_modes(modes | {"bad": end("failure", "x")}, "rest", always=[exit_to("bad", "x > 1")])
+    holding = mode(exit_to("stopping", "touch.force_z < 1"), on_timeout="inserted")
+    stopping = mode(exit_to("opening", "touch.force_z > 1"), on_timeout="stuck")
+    check_modes(peg() | {"opening": holding, "stopping": stopping}, "approach")  # the guard leads back only
+
+
+@pytest.mark.parametrize("modes", [cap(), cap() | {"no_reading": mode(on_timeout="locked")}])
+def test_missing_signals_are_no_success(modes):
+    name = "no_reading" if modes["no_reading"].timeout else "locked"
+    modes = modes if name == "no_reading" else without("no_reading")(modes)
+    with pytest.raises(BadInputError, match=f"^on_bad_signal = '{name}': must be a failure, or a mode whose"):
+        check_modes(modes, "approach", name)
 
 
 def test_visits_are_counted_where_something_leads_back():
