@@ -22,6 +22,7 @@ class LoggedSignal:
     Attributes:
         dimension: what its components are; None: joints, or its own.
         meanings: names of the values 0, 1, ... of a signal that is the number of something; else empty.
+        reasons: of each of them, in words; "" for none.
     """
 
     rows: slice
@@ -29,6 +30,7 @@ class LoggedSignal:
     labels: tuple[str, ...] | None
     dimension: str | None = None
     meanings: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ def add_log(
     """Log the ports every `period` [s]: one multiplexer and one sink, a tenth of the cost of a sink each.
 
     A signal has the unit that its block gives the port of that name in `port_units`, or that of the conventions, and
-    the names of its values that the block gives it in `port_meanings`.
+    the names of its values, and reasons of some, that the block gives it in `port_meanings` and `port_reasons`.
 
     Args:
         ports: by signal name.
@@ -92,8 +94,8 @@ def add_log(
         builder.Connect(port, multiplexer.get_input_port(i))
         dimension, named = labels.get(name, (None, None))
         unit = unit_of(name, of_ports(port.get_system(), "port_units"))
-        meanings = of_ports(port.get_system(), "port_meanings").get(name, ())
-        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension, meanings)
+        said = [of_ports(port.get_system(), f"port_{what}").get(name, ()) for what in ("meanings", "reasons")]
+        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension, *said)
         row += port.size()
     sink = LogVectorOutput(multiplexer.get_output_port(), builder, period)
     sink.set_name("log")

@@ -26,6 +26,7 @@ class Stay(NamedTuple):
         begin, end: [s]; the last stay ends with the log.
         value: that caused the transition into it, in its own unit; None for the first stay.
         kind: 0 the machine goes on, 1 success, 2 failure.
+        reason: of the failure; "" where it is none, or none is known.
     """
 
     mode: str
@@ -33,6 +34,7 @@ class Stay(NamedTuple):
     end: float
     value: float | None
     kind: int
+    reason: str = ""
 
 
 @dataclass(kw_only=True)
@@ -88,7 +90,10 @@ def stays(log: Any) -> list[Stay]:
     numbers, values, ends = (log[name].values for name in ("mode", "transition_value", "machine_end"))
     first = [0, *(np.flatnonzero(np.diff(count)) + 1)]
     last = [*first[1:], len(time) - 1]
-    return [
-        Stay(names[int(numbers[k])], float(time[k]), float(time[m]), float(values[k]) if k else None, int(ends[k]))
-        for k, m in zip(first, last, strict=True)
-    ]
+    lines = [line.partition(": ") for line in log["mode"].attrs.get("flag_reasons", "").splitlines()]
+    reasons = {name: reason for name, _, reason in lines}
+    found = []
+    for k, m in zip(first, last, strict=True):
+        name, value = names[int(numbers[k])], float(values[k]) if k else None
+        found.append(Stay(name, float(time[k]), float(time[m]), value, int(ends[k]), reasons.get(name, "")))
+    return found

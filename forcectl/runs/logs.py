@@ -3,7 +3,8 @@
 One variant is a dataset over `time` with the scalar coordinate `variant`; several are stacked along the dimension
 `variant`. Vector signals have a second dimension with the names of their components. Every variable has the attributes
 `units` and `long_name`. One that is the number of something, such as a mode, also has `flag_values` and, with blanks
-between the names, `flag_meanings` (CF conventions, section 3.5). `comment` says what a signal of the conventions is.
+between the names, `flag_meanings` (CF conventions, section 3.5), and `flag_reasons`, a line `name: reason` for each one
+that has a reason, such as a failure of a state machine. `comment` says what a signal of the conventions is.
 The dataset says of which scenario it is and what it was made with, see `described`.
 """
 
@@ -104,6 +105,11 @@ def to_dataset(
     for name, signal in signals.items():
         rows = values[signal.rows]
         attributes = _attributes(name, signal)
+        if any(signal.reasons):
+            lines = [
+                f"{name}: {reason}" for name, reason in zip(signal.meanings, signal.reasons, strict=True) if reason
+            ]
+            attributes["flag_reasons"] = "\n".join(lines)
         if signal.labels is None:
             variables[name] = (("time",), rows[0].copy(), attributes)
         else:

@@ -58,6 +58,11 @@ def test_the_way_of_the_peg():
     assert found[3] == Stay("compliant", pytest.approx(0.1), pytest.approx(0.152), 0.2, 0)
     assert found[-1] == Stay("inserted", pytest.approx(0.404), pytest.approx(0.6), pytest.approx(0.204), 1)
     assert found[0].value is None
+    assert {stay.reason for stay in found} == {""}
+    failed = peg_log().copy()
+    failed["mode"] = failed["mode"] * 0 + [*peg()].index("no_contact")
+    failed["mode"].attrs = peg_log()["mode"].attrs
+    assert stays(failed)[-1].reason == "nothing touched the peg: is the part there?"
 
 
 def test_metrics():

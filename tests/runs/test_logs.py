@@ -21,6 +21,7 @@ class Signal:
     labels: tuple[str, ...] | None = None
     dimension: str | None = None
     meanings: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
 
 
 SIGNALS = {
@@ -53,13 +54,14 @@ def samples(n=5, seed=1):
 
 def test_the_names_of_values_stand_in_the_log_and_the_file(tmp_path):
     """Where variants have different ones no name is better than a wrong one."""
-    signals = {"mode": Signal(slice(0, 1), "1", meanings=("press", "turn"))}
+    signals = {"mode": Signal(slice(0, 1), "1", meanings=("press", "turn", "lost"), reasons=("", "", "no part: why?"))}
     logs = [to_dataset(*samples(), signals, name) for name in ("a", "b")]
     write_netcdf(stack(logs), tmp_path / "log.nc")
     read = read_netcdf(tmp_path / "log.nc")
-    assert read["mode"].attrs["flag_meanings"] == "press turn"
-    np.testing.assert_array_equal(read["mode"].attrs["flag_values"], [0.0, 1.0])
-    logs[1]["mode"].attrs["flag_meanings"] = "turn press"
+    assert read["mode"].attrs["flag_meanings"] == "press turn lost"
+    assert read["mode"].attrs["flag_reasons"] == "lost: no part: why?"
+    np.testing.assert_array_equal(read["mode"].attrs["flag_values"], [0.0, 1.0, 2.0])
+    logs[1]["mode"].attrs["flag_meanings"] = "turn press lost"
     mixed = stack(logs)["mode"].attrs
     assert mixed == {"units": "1", "long_name": "mode", "comment": CONVENTIONS["mode"].meaning}
 

@@ -182,7 +182,8 @@ def _machine(log: Any, way: list[Any]) -> Iterator[RunFinding]:
     last = way[-1]
     if last.kind == 2:
         before = f" after '{way[-2].mode}'" if len(way) > 1 else ""
-        text = f"the state machine ended in the failure '{last.mode}'{before}, at {last.begin:.3f} s"
+        reason = f": {last.reason}" if last.reason else ""
+        text = f"the state machine ended in the failure '{last.mode}'{before}, at {last.begin:.3f} s{reason}"
         yield finding("machine_failed", text, last.begin)
     elif last.kind == 0:
         text = f"the run ended at {last.end:.3f} s in the mode '{last.mode}', before the state machine"

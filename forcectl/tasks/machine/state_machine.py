@@ -182,6 +182,7 @@ class StateMachine(SampledBlock):
         used = {port for port, _ in self._places.values()}
         inputs = [self.DeclareVectorInputPort(name, len(signals[name])) for name in signals if name in used]
         self.port_meanings = {"mode": tuple(modes), "machine_end": ENDS}
+        self.port_reasons = {"mode": tuple(" ".join(mode.reason.split()) for mode in modes.values())}
         memory: dict[str, Any] = {
             "mode": float(self._numbers_of[start]),
             "time_in_mode": 0.0,

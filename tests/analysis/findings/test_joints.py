@@ -227,14 +227,14 @@ def test_readings_that_stop_a_controller_are_told_by_joint(read: Any, what: str)
 def test_a_machine_that_fails_or_does_not_end_is_told(end: float, kinds: list[str]) -> None:
     log = made_up().drop_vars("motor_torque")
     later = (TIME >= 1.2).astype(float)
-    log["mode"] = ("time", later, {"flag_meanings": "lower lost"})
+    log["mode"] = ("time", later, {"flag_meanings": "lower lost", "flag_reasons": "lost: no part"})
     signals = {"transition": later, "transition_value": 0.3 * later, "machine_end": end * later}
     for name, values in signals.items():
         log[name] = ("time", values)
     found = list(task_findings(log, ARM))
     assert [one.kind for one in found] == kinds
     if end == 2.0:
-        assert found[0].text == "the state machine ended in the failure 'lost' after 'lower', at 1.200 s"
+        assert found[0].text == "the state machine ended in the failure 'lost' after 'lower', at 1.200 s: no part"
 
 
 def test_every_kind_is_provoked_here_or_in_the_tests_of_force_loops() -> None:

@@ -38,7 +38,11 @@ def machine_log() -> xr.Dataset:
     values = {
         "motor_position": (("time", "joint"), np.tile(start, (len(TIMES), 1))),
         "contact_force": ("time", 20.0 * TIMES),
-        "mode": ("time", mode, {"flag_meanings": "go_down never <touch> gave_up"}),
+        "mode": (
+            "time",
+            mode,
+            {"flag_meanings": "go_down never <touch> gave_up", "flag_reasons": "gave_up: the part: gone"},
+        ),
         "transition": ("time", np.select([TIMES < 0.3, TIMES < 0.6], [0.0, 1.0], 2.0)),
         "transition_value": ("time", np.select([TIMES < 0.3, TIMES < 0.6], [0.0, 4.5678], -1.0)),
         "machine_end": ("time", np.where(TIMES < 0.6, 0.0, 2.0)),
@@ -54,10 +58,10 @@ def machine_page(folder: Path) -> str:
 def test_the_page_has_the_stays_in_modes_and_the_forces_of_its_pictures(tmp_path):
     page = machine_page(tmp_path)
     data = json.loads(re.search(r'id="replay-data">(.*?)</script>', page, re.DOTALL)[1])
-    assert [(stay["mode"], stay["begin"], stay["value"], stay["kind"]) for stay in data["stays"]] == [
-        ("go down", 0.0, None, 0),
-        ("<touch>", 0.3, 4.568, 0),
-        ("gave up", 0.6, -1.0, 2),
+    assert [tuple(stay[key] for key in ("mode", "begin", "value", "kind", "reason")) for stay in data["stays"]] == [
+        ("go down", 0.0, None, 0, ""),
+        ("<touch>", 0.3, 4.568, 0, ""),
+        ("gave up", 0.6, -1.0, 2, "the part: gone"),
     ]
     assert (data["begin"], data["end"]) == (0.0, 1.0)
     (forces,) = data["forces"]
@@ -92,7 +96,7 @@ def test_the_words_follow_the_time_of_the_animation(tmp_path):
     assert said(dom) == [
         "0.10 | go down | from the start | 2.00 N | play",
         "0.50 | &lt;touch&gt; | since 0.300 s; value that caused it: 4.568 | 10.00 N | play",
-        "0.90 | gave up | since 0.600 s; value that caused it: -1; end: failure | 17.60 N | play",
+        "0.90 | gave up | since 0.600 s; value that caused it: -1; end: failure, the part: gone | 17.60 N | play",
         "0.20 | go down | from the start | 3.80 N | pause",
         "go down, &lt;touch&gt;, gave up; A &lt;/script&gt; title",
     ]
