@@ -17,7 +17,7 @@ Guards read, beside `time`, `visits` and `elapsed` (see `StateMachine`), with a 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,12 +137,30 @@ class TaskMachineConfig(TaskControllerConfig):
             )
         self._check_forces(model, tasks)
         self._check_places(model, tasks)
-        controller = self.made_controller(model, tasks, self.modes)
+        controller = self.made_controller(model, tasks, self.built_modes())
         bands = None
         if controller.force_tasks:
             bands = TaskForce(robot, controller.force_tasks, of_both=self.of_both)
         motion = CompliantMotion(controller, references, forces)
         return builder.AddNamedSystem("task_machine", TaskMachine(motion, machine, tasks, bands, period=model.period))
+
+    def built_modes(self) -> dict[str, TaskModeConfig]:
+        """The modes, and in ends what may touch in a mode that leads there, too.
+
+        What touches when a mode ends is within the distance that is kept elsewhere: an end would push it out, with a
+        jump, instead of standing still or going back slowly as it says.
+        """
+        found = {}
+        for name, mode in self.modes.items():
+            before = [each for each in self.modes.values() if mode.end and name in self._leads_to(each)]
+            touching = [pair for each in (mode, *before) for pair in each.touching]
+            found[name] = replace(mode, touching=[pair for i, pair in enumerate(touching) if pair not in touching[:i]])
+        return found
+
+    def _leads_to(self, mode: TaskModeConfig) -> list[str]:
+        if mode.end:
+            return []
+        return [each.to for each in (*self.always, *mode.exits)] + [mode.on_timeout, self.on_bad_signal]
 
     def _check_forces(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
         """No guard waits for a force on a task far beyond what the motors can hold, which no estimate shows."""

@@ -164,6 +164,26 @@ def test_a_machine_that_is_none_is_told_by_its_key(changed: tuple[str, str], tol
     assert told in str(error.value)
 
 
+def test_what_may_touch_before_an_end_may_touch_in_it() -> None:
+    """Else the end would push it out, with a jump; an end that nothing leads to from there keeps it away."""
+    pairs = [["left_yumi_gripper", "table"], ["right_yumi_gripper", "table"]]
+    text = LOWER
+    for name, pair in (("wait", pairs[0]), ("press", pairs[1])):
+        text = text.replace(f"    {name}:\n", f"    {name}:\n      touching: [[{', '.join(pair)}]]\n")
+    text = text.replace("hold: 0.02, to: lost", "hold: 0.02, to: blind").replace("    lost: {end", "    blind_2: {end")
+    text = text.replace("      timeout: 0.5\n      on_timeout: late", "      timeout: 0.5\n      on_timeout: blind_2")
+    touching = {name: mode.touching for name, mode in config(text).built_modes().items()}
+    assert touching == {
+        "wait": pairs[:1],
+        "lower": [],
+        "press": pairs[1:],
+        "let_go": pairs[1:],
+        "late": pairs,
+        "blind_2": [],
+        "blind": pairs,
+    }
+
+
 def test_a_force_that_guards_read_is_estimated() -> None:
     with pytest.raises(BadInputError) as error:
         fc.build(
