@@ -22,6 +22,7 @@ from forcectl.conventions import SIGNALS, TRUTH
 from forcectl.diagrams.model import force_lag
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.estimation.wrench_between import WrenchBetween
+from forcectl.framework.block import of_ports
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
@@ -261,14 +262,17 @@ class Signals:
     def connect(self, part: str, system: System, optional: tuple[str, ...] = ()) -> None:
         """Connect the inputs of the part of that name; the optional ones may stay open.
 
+        A block says in `port_keys` which key of the part wants an input, where it is not the part as a whole.
+
         Raises:
             BadInputError: an input whose signal is not there, or of another size.
         """
+        keys = of_ports(system, "port_keys")
         for port in map(system.get_input_port, range(system.num_input_ports())):
             name = port.get_name()
             if name in optional and name not in self.chosen and not self.offers(self._readings.get(name, name)):
                 continue
-            source = self.find(name, part)
+            source = self.find(name, f"{part}.{keys[name]}" if name in keys else part)
             if source.size() != port.size():
                 giver = source.get_system().get_name()
                 fault = f"port {name} has size {port.size()}: must be {source.size()}, as {giver!r} puts out"

@@ -91,13 +91,14 @@ def check_distinct(key: str, names: Sequence[object]) -> None:
             raise invalid(f"{key}.{i}", name, "another one than those before it")
 
 
-def unknown(kind: str, name: object, known: Iterable[str]) -> BadInputError:
+def unknown(kind: str, name: object, known: Iterable[str], most: int | None = None) -> BadInputError:
     """The error for a name that does not exist, with the nearest one that does.
 
     Args:
         kind: what the name is of; also the name of the key, where there is one.
         name: that was given.
         known: names that there are.
+        most: of them are listed, the nearest ones where there are more; None: all.
     """
     names = [str(k) for k in known]
     lower = {k.lower(): k for k in names}
@@ -105,7 +106,11 @@ def unknown(kind: str, name: object, known: Iterable[str]) -> BadInputError:
     hint = f"did you mean {lower[near[0]]!r}? " if near else ""
     listed = ", ".join(each or "''" for each in names)
     allowed = f"one of {listed}"
-    text = f"unknown {kind} {show(name)}: {hint}known: {listed}"
+    if most is not None and len(names) > most:
+        nearest = difflib.get_close_matches(str(name), names, n=most, cutoff=0.0)
+        text = f"unknown {kind} {show(name)}: {hint}known: {', '.join(nearest)} and {len(names) - most} more"
+    else:
+        text = f"unknown {kind} {show(name)}: {hint}known: {listed}"
     field = kind.partition(" (")[0].partition(" of ")[0].replace(" ", "_")
     return BadInputError(text, field=field, value=name, allowed=allowed)
 

@@ -38,6 +38,7 @@ _FUNCTIONS: dict[str, tuple[Callable[..., Any], int, float]] = {
     "max": (max, 2, math.inf),
 }
 _ANY = (-math.inf, math.inf)
+_SHOWN = 12  # names that are told when there is none of those that the expression needs
 
 
 class _UndefinedError(Exception):
@@ -82,7 +83,7 @@ class Expression:
         names = list(known)
         for name in self.names:
             if name not in names:
-                raise unknown(kind, name, names).at(self._key)
+                raise unknown(kind, name, names, _SHOWN).at(self._key)
 
     def check_condition(self) -> None:
         """Raise BadInputError unless the expression is a condition that can hold.

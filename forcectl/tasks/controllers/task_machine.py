@@ -46,7 +46,7 @@ from forcectl.tasks.machine.modes import (
     check_modes,
     machine_chart,
 )
-from forcectl.tasks.machine.state_machine import StateMachine
+from forcectl.tasks.machine.state_machine import OWN_NAMES, StateMachine
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.task_parts import start_motion
 
@@ -142,7 +142,21 @@ class TaskMachineConfig(TaskControllerConfig):
         if controller.force_tasks:
             bands = TaskForce(robot, controller.force_tasks, of_both=self.of_both)
         motion = CompliantMotion(controller, references, forces)
-        return builder.AddNamedSystem("task_machine", TaskMachine(motion, machine, tasks, bands, period=model.period))
+        made = TaskMachine(motion, machine, tasks, bands, period=model.period)
+        made.port_keys = {"estimated_wrench": self._wants_force(machine)} if forces is not None else {}
+        return builder.AddNamedSystem("task_machine", made)
+
+    def _wants_force(self, machine: StateMachine) -> str:
+        """Key of the first guard or reference that takes an estimated force."""
+        guards = [machine.port_keys[_force(name)] for name in self.tasks if _force(name) in machine.port_keys]
+        references = [
+            f"modes.{mode}.references.{task}.{coordinate}.comply"
+            for mode, said in self.modes.items()
+            for task, each in said.references.items()
+            for coordinate, one in each.items()
+            if one.comply
+        ]
+        return [*guards, *references][0]
 
     def built_modes(self) -> dict[str, TaskModeConfig]:
         """The modes, and in ends what may touch in a mode that leads there, too.
@@ -219,9 +233,14 @@ def _largest_force(robot: RobotModel, posture: NDArray[np.float64]) -> float:
 def _signals(tasks: Mapping[str, ArmTask], arms: Sequence[str]) -> dict[str, list[str]]:
     """What guards may read: components by name of the input."""
     found = {name: [*task.coordinates, *(f"speed_{each}" for each in task.coordinates)] for name, task in tasks.items()}
-    found |= {_force(name): list(WRENCH_PARTS) for name in tasks}
-    found |= {name: [name] for name in _OF_CONTROLLER}
-    return found | {name: list(arms) for name in _OF_ARMS}
+    others = {_force(name): list(WRENCH_PARTS) for name in tasks}
+    others |= {name: [name] for name in _OF_CONTROLLER}
+    others |= {name: list(arms) for name in _OF_ARMS}
+    for name in found:
+        if name in (*others, *OWN_NAMES):
+            what = next((f"the force on {each!r}" for each in tasks if _force(each) == name), "something else")
+            raise BadInputError(f"must be called otherwise: in guards {name!r} is {what}", key=f"tasks.{name}")
+    return found | others
 
 
 class TaskMachine(PythonDiagram):
@@ -271,6 +290,7 @@ class TaskMachine(PythonDiagram):
         period: float,
     ):
         super().__init__()
+        self.port_keys: dict[str, str] = {}
         builder = DiagramBuilder()
         builder.AddNamedSystem("motion", motion)
         builder.AddNamedSystem("machine", machine)

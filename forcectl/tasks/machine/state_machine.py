@@ -19,7 +19,7 @@ ENDS = ("running", "success", "failure")  # by their number
 # Names in guards that are no signals.
 TIME, VISITS, ELAPSED = "time", "visits", "elapsed"
 
-_OWN = (TIME, VISITS, ELAPSED)
+OWN_NAMES = (TIME, VISITS, ELAPSED)
 _TINY = 1e-6  # of a tick, for rounding
 
 
@@ -32,6 +32,7 @@ class Guard:
         known: names of the components of signals.
 
     Attributes:
+        key: that it stands at.
         signals: names of those that it reads.
 
     Raises:
@@ -39,11 +40,12 @@ class Guard:
     """
 
     def __init__(self, text: str, key: str, known: Sequence[str]):
+        self.key = key
         self._condition = Expression(text, key, GUARD_EXAMPLE)
-        self._condition.check_names([*known, *_OWN], "signal")
+        self._condition.check_names([*known, *OWN_NAMES], "signal")
         if self._condition.texts:
             raise invalid(key, text, "of signals and numbers, without texts")
-        self.signals = frozenset(self._condition.names) - {*_OWN}
+        self.signals = frozenset(self._condition.names) - {*OWN_NAMES}
 
     def value_if_true(self, values: Mapping[str, float]) -> float | None:
         """The value that decided, see `Expression.deciding_value`, where the condition holds; None elsewhere.
@@ -179,6 +181,11 @@ class StateMachine(SampledBlock):
         self._tares = any(mode.tare for mode in modes.values())
         read = frozenset[str]().union(*(mode.signals for mode in self._modes))
         self._places = {name: components[name] for name in sorted(read)}
+        self.port_keys: dict[str, str] = {}  # of the first guard that reads an input
+        for mode in self._modes:
+            for exit_ in mode.exits:
+                for name in sorted(exit_.guard.signals):
+                    self.port_keys.setdefault(components[name][0], exit_.guard.key)
         used = {port for port, _ in self._places.values()}
         inputs = [self.DeclareVectorInputPort(name, len(signals[name])) for name in signals if name in used]
         self.port_meanings = {"mode": tuple(modes), "machine_end": ENDS}
@@ -289,7 +296,7 @@ def _components(signals: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, in
     for port, names in signals.items():
         for i, name in enumerate(names):
             found[port if len(names) == 1 else f"{port}.{name}"] = port, i
-    for name in _OWN:
+    for name in OWN_NAMES:
         if name in found:
             raise BadInputError(f"{name!r} is no name of a signal: it has a meaning of its own", key="signals")
     return found

@@ -136,6 +136,8 @@ def test_what_goes_wrong_ends_in_a_mode_of_its_own(inputs: dict[str, Any], last:
         (("touch.speed_z", "tuch.speed_z"), "modes.lower.exits.0.when: unknown signal 'tuch.speed_z'"),
         (("z: {velocity: -0.05}", "phi: {velocity: -0.05}"), "modes.lower.references.touch.phi: unknown coordinate"),
         (("references: {touch: {z: {by", "references: {tuch: {z: {by"), "modes.press.references.tuch: unknown task"),
+        (("    hold: !Arm", "    touch_force: !Arm"), "in guards 'touch_force' is the force on 'touch'"),
+        (("    hold: !Arm", "    stalled: !Arm"), "tasks.stalled: must be called otherwise: in guards"),
         (("gripper_holds.right", "gripper_holds.middle"), "unknown signal 'gripper_holds.middle'"),
         (("{left: closed, right: closed}", "{left: closed}"), "modes.wait.grippers: must say of every arm: 'right'"),
     ],
@@ -189,7 +191,9 @@ def test_a_force_that_guards_read_is_estimated() -> None:
         fc.build(
             parse(STATION.replace("estimators: {force: !ForceEstimator {}}", "estimators: {}") + LOWER, "own.yaml")
         )
-    assert "scenario: controller wants estimated_wrench (of the environment" in str(error.value)
+    assert "scenario: controller.modes.lower.exits.0.when wants estimated_wrench (of the environment" in str(
+        error.value
+    )
     assert str(error.value).endswith("puts it out, such as `estimators: {force: !ForceEstimator {}}`")
 
 
@@ -219,7 +223,9 @@ def test_a_run_goes_on_for_as_long_as_asked_after_the_machine_ended() -> None:
 
 def test_in_a_loop_it_tares_the_estimator_and_asks_for_what_is_missing() -> None:
     """Without parts in the hands nothing says what the grippers hold; a machine that does not ask runs."""
-    with pytest.raises(BadInputError, match=r"wants gripper_holds .*which nothing puts out"):
+    with pytest.raises(
+        BadInputError, match=r"controller\.modes\.lower\.exits\.1\.when wants gripper_holds .*which nothing puts out"
+    ):
         fc.build(fc.load_scenario(parse(STATION + LOWER, "machine.yaml")))
     lines = [line for line in LOWER.splitlines() if "gripper_holds" not in line and " lost" not in line]
     done = fc.run(fc.load_scenario(parse(STATION + "\n".join(lines) + "\nduration: 0.2\n", "machine.yaml")))
