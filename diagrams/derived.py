@@ -26,6 +26,7 @@ class Derived(NamedTuple):
         dimension: what its elements are.
         labels: their names.
         meanings: names of the values 0, 1, ... of a signal that is the number of something.
+        units: of each element, where they differ.
     """
 
     unit: str
@@ -34,6 +35,7 @@ class Derived(NamedTuple):
     dimension: str = ""
     labels: tuple[str, ...] = ()
     meanings: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
 
 def joint_and_tool_signals(

@@ -65,6 +65,8 @@ class ForceController(PythonDiagram):
         guard: around the law; None: there is none.
     """
 
+    port_components = {"displacement_command": "k"}
+
     def __init__(self, builder: DiagramBuilder, law: System, model: PlantModel, guard: GuardConfig | None = None):
         super().__init__()
         n_q, q_0 = model.num_joints, model.start

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, Multiplexer, VectorLog, VectorLogSink
 
-from forcectl.conventions import unit_of
+from forcectl.conventions import Components, unit_of
 from forcectl.errors import BadInputError, show
 from forcectl.framework.block import of_ports
 
@@ -17,12 +17,15 @@ _COORDINATES = ("time", "variant")  # of a log
 
 @dataclass(frozen=True)
 class LoggedSignal:
-    """Where a signal stands in the log vector; `labels` names its components, None for a scalar.
+    """Where a signal stands in the log vector.
 
     Attributes:
-        dimension: what its components are; None: joints, or its own.
+        unit: of its components; of several units each once, with commas in between.
+        labels: names of its components; None for a scalar.
+        dimension: that they are along; None for a scalar.
         meanings: names of the values 0, 1, ... of a signal that is the number of something; else empty.
         reasons: of each of them, in words; "" for none.
+        units: of each component, where they differ; else empty.
     """
 
     rows: slice
@@ -31,15 +34,21 @@ class LoggedSignal:
     dimension: str | None = None
     meanings: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Probe:
-    """An output port anywhere in a diagram that is read at every tick of the log."""
+    """An output port anywhere in a diagram that is read at every tick of the log.
+
+    Attributes:
+        components: what they are; None for a scalar.
+    """
 
     name: str
     port: OutputPort
     unit: str
+    components: Components | None = None
 
 
 @dataclass(frozen=True)
@@ -66,16 +75,17 @@ def add_log(
     builder: DiagramBuilder,
     ports: Mapping[str, OutputPort],
     period: float,
-    labels: Mapping[str, tuple[str | None, tuple[str, ...]]],
+    components: Mapping[str, Components],
 ) -> tuple[VectorLogSink, dict[str, LoggedSignal]]:
     """Log the ports every `period` [s]: one multiplexer and one sink, a tenth of the cost of a sink each.
 
-    A signal has the unit that its block gives the port of that name in `port_units`, or that of the conventions, and
-    the names of its values, and reasons of some, that the block gives it in `port_meanings` and `port_reasons`.
+    A signal has the units of its components, else the unit that its block gives the port of that name in `port_units`,
+    or that of the conventions, and the names of its values, and reasons of some, that the block gives it in
+    `port_meanings` and `port_reasons`.
 
     Args:
         ports: by signal name.
-        labels: dimension and names of the components by signal name, where it is no scalar.
+        components: by signal name, where it is no scalar.
 
     Returns:
         the sink, and what its rows mean.
@@ -92,10 +102,11 @@ def add_log(
     signals, row = {}, 0
     for i, (name, port) in enumerate(ports.items()):
         builder.Connect(port, multiplexer.get_input_port(i))
-        dimension, named = labels.get(name, (None, None))
-        unit = unit_of(name, of_ports(port.get_system(), "port_units"))
+        dimension, named, units = components.get(name, (None, None, ()))
+        known = of_ports(port.get_system(), "port_units")
+        unit = ",".join(dict.fromkeys(units)) or unit_of(name, known) or unit_of(port.get_name(), known)
         said = [of_ports(port.get_system(), f"port_{what}").get(name, ()) for what in ("meanings", "reasons")]
-        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension, *said)
+        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension, *said, units)
         row += port.size()
     sink = LogVectorOutput(multiplexer.get_output_port(), builder, period)
     sink.set_name("log")

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 
-from forcectl.conventions import SIGNAL_UNITS, SIGNALS, TRUTH, WRENCH_PARTS, unit_of
+from forcectl.conventions import SIGNAL_UNITS, SIGNALS, TRUTH, unit_of
 from forcectl.diagrams.chain import check_stability
+from forcectl.diagrams.components import components_of
 from forcectl.diagrams.derived import SOURCES, Derived, joint_and_tool_signals
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.log import LoggedLoop, Probe, add_log
@@ -118,9 +119,7 @@ class Loop(LoggedLoop):
         """The workcell."""
         return self.setting.workcell
 
-    def derived(
-        self, values: NDArray[np.float64], probed: Mapping[str, tuple[str, NDArray[np.float64]]]
-    ) -> dict[str, Derived]:
+    def derived(self, values: NDArray[np.float64], probed: Mapping[str, Derived]) -> dict[str, Derived]:
         """Signals that follow from the log (n, k) and from the samples of the probes, by name.
 
         The displacement and the pose of the tool of a robot, torques and sticking are not needed tick by tick.
@@ -132,7 +131,7 @@ class Loop(LoggedLoop):
             displacement = tip_displacements(contact.robot, contact.n, self.workcell.motor_start, motors)
             further["contact_displacement"] = Derived(unit_of("contact_displacement"), displacement)
         rows = {name: values[self.signals[name].rows].T for name in SOURCES if name in self.signals}
-        rows |= {name: probed[name][1] for name in SOURCES if name in probed}
+        rows |= {name: probed[name].samples for name in SOURCES if name in probed}
         if len(rows) == len(SOURCES) and "motor_position" in self.signals and self.workcell.has_dynamics:
             motors = values[self.signals["motor_position"].rows].T
             known = self.station.HasOutputPort("motor_torque")
@@ -191,12 +190,14 @@ def build_loop(parts: LoopParts) -> Loop:
     makers |= {f"estimators.{name}": system for name, system in estimators.items()}
     _check_apart(makers, parts.signals)
     ports = _logged(parts, sources, station, controller, estimators) | signals.chosen
-    sink, logged = add_log(builder, ports, workcell.period, _labels(ports, workcell))
+    sink, logged = add_log(builder, ports, workcell.period, components_of(ports, workcell))
     with about(builder):
         diagram = builder.Build()
     diagram.set_name("loop")
     missing = [name for name in SOURCES if workcell.has_dynamics and name not in logged and station.HasOutputPort(name)]
-    probes = tuple(Probe(name, station.GetOutputPort(name), unit_of(name)) for name in missing)
+    unlogged = {name: station.GetOutputPort(name) for name in missing}
+    named = components_of(unlogged, workcell)
+    probes = tuple(Probe(name, port, unit_of(name), named.get(name)) for name, port in unlogged.items())
     return Loop(diagram, sink, logged, workcell.period, setting, parts.reference_model_bandwidth, station, probes)
 
 
@@ -322,29 +323,3 @@ def _logged(
     if not constant and controller.HasOutputPort("joint_position_command"):
         ports.setdefault("joint_position_command", controller.GetOutputPort("joint_position_command"))
     return ports
-
-
-def _labels(ports: Mapping[str, OutputPort], workcell: Workcell) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Dimension and names of the components of every port with more than one."""
-    joints = ("joint", tuple(workcell.robot.parameters.arm_joints))
-    arms = list(workcell.robot.parts.arms)
-    wrenches = ("wrench_component", tuple(f"{arm}_{part}" for arm in arms for part in WRENCH_PARTS))
-    surfaces = ("surface", tuple(contact.name for contact in workcell.contacts))
-    contact = tuple(f"contact_{what}" for what in ("force", "state", "losses", "displacement"))
-    by_loop = ("desired_force", "measured_force", "displacement_command", *contact)
-    found = {}
-    for name, port in ports.items():
-        size = port.size()
-        if name.endswith("body_contact_wrench"):
-            found[name] = ("contact_component", tuple(WRENCH_PARTS))
-        elif name.endswith("_wrench") and size == len(wrenches[1]):
-            found[name] = wrenches
-        elif name in ("arm_contact_force", "gripper_holds", "gripper_command"):
-            found[name] = ("arm", tuple(arms))
-        elif size == len(surfaces[1]) > 1 and name in by_loop:
-            found[name] = surfaces
-        elif size == len(joints[1]):
-            found[name] = joints
-        elif size > 1:
-            found[name] = (f"{name}_component", tuple(str(i) for i in range(1, size + 1)))
-    return found

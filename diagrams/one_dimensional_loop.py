@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
+from forcectl.conventions import Components
 from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.loop import LoopParts
 from forcectl.diagrams.model import ModelConfig
@@ -175,7 +176,7 @@ def build_one_dimensional_loop(
         connect(ports["contact_force"], monitor.GetInputPort("contact_force"))
         ports["contact_state"] = monitor.GetOutputPort("contact_state")
     ports |= {port.get_name(): port for port in map(law.get_output_port, range(law.num_output_ports()))}
-    elements = (None, tuple(str(element) for element in range(size)))
+    elements = Components("batch_element", tuple(str(element) for element in range(size)))
     sink, signals = add_log(builder, ports, config.period, dict.fromkeys(ports, elements) if size > 1 else {})
     diagram = builder.Build()
     diagram.set_name("one_dimensional_loop")

@@ -207,7 +207,7 @@ class Workcell:
         """Size of the signal of this name, see `SIGNALS`; None of another one."""
         if name not in SIGNALS:
             return None
-        held = sum(bool(part.hand) for part in self.parts.values())
+        held = sum(bool(part.arm) for part in self.parts.values())
         counts = {"n": self.num_joints, "a": len(self.robot.parts.arms), "k": len(self.contacts)}
         counts |= {"m": len(self.parts), "h": held, "": 1}
         shape = SIGNALS[name].shape

@@ -11,7 +11,9 @@ Signs (design equations, section 0)::
     contact_force         truth, scalar along n, zero without contact, never negative.
 
 Units are SI. A port or a logged signal has the unit of its name in `SIGNAL_UNITS`; a block may override or extend
-the table with a class attribute `port_units: dict[str, str]`.
+the table with a class attribute `port_units: dict[str, str]`. What the components of a logged port are follows from
+its shape in `SIGNALS`; of any other port a block says it in `port_components: dict[str, str | Components]`, where a
+text is such a shape: "n" is one for each joint.
 
 Signals that pass between the parts of a loop stand in `SIGNALS`: ports of these names are connected by name. Shapes are
 in terms of n joints, a arms, k surfaces that are pressed on and m parts, of which arms can hold h.
@@ -36,6 +38,20 @@ class Signal(NamedTuple):
     shape: str
     meaning: str
     truth: bool = False
+
+
+class Components(NamedTuple):
+    """What the components of a port are, which a log names.
+
+    Attributes:
+        dimension: that they are along; all signals along it have these labels.
+        labels: their names.
+        units: of each; empty: all have the unit of the port.
+    """
+
+    dimension: str
+    labels: tuple[str, ...]
+    units: tuple[str, ...] = ()
 
 
 SIGNALS: dict[str, Signal] = {

@@ -8,10 +8,11 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, PortDataType, System
 from pydrake.systems.primitives import Selector, SelectorParams
 
-from forcectl.conventions import TRUTH, unit_of
+from forcectl.conventions import SIGNALS, TRUTH, Components, unit_of
 from forcectl.diagrams.mechanics.site import STATION_SIGNALS
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, about
+from forcectl.framework.block import of_ports
 from forcectl.framework.wiring import check_names, input_names, output_names
 
 # What comes from outside of a station.
@@ -79,7 +80,9 @@ class Assembly:
         self._open: list[tuple[str, InputPort, Any]] = []
         self._parts: list[tuple[Any, System]] = []
         self._sensed: dict[str, dict[str, str]] = {}  # by what sensors put out: its name in the station by the sensor's
-        self._units: dict[str, str] = {}  # of what a further sensor puts out, by the name with the sensor's in front
+        # Of what a further sensor puts out, by the name with the sensor's in front.
+        self._units: dict[str, str] = {}
+        self._components: dict[str, str | Components] = {}
 
     def offer(self, name: str, port: OutputPort) -> None:
         """Make a port known under a name.
@@ -129,6 +132,9 @@ class Assembly:
             elif name not in TRUTH or name == "body_contact_wrench":  # of a surface the truth is the same
                 self.offer(prefix + name, system.GetOutputPort(name))
                 self._units[prefix + name] = unit_of(name, getattr(system, "port_units", {}))
+                shape = SIGNALS[name].shape if name in SIGNALS else ""
+                if made := of_ports(system, "port_components").get(name, shape):
+                    self._components[prefix + name] = made
 
     def know(self, system: System, part: Any) -> None:
         """Remember which part's configuration a block is of."""
@@ -167,6 +173,6 @@ class Assembly:
                 check_names(self.builder, [system])
         with about(self.builder):
             self.builder.BuildInto(station)
-        station.port_units = self._units
+        station.port_units, station.port_components = self._units, self._components
         several = {name: names for name, names in self._sensed.items() if len(names) > 1 and name not in TRUTH}
         station.sensed_by_several = several

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
 READINGS = ("joint_position", "joint_velocity", "motor_torque")
+_COMPONENTS = {"wrench_deviation": "6a", "joint_bias": "n", "moving": "n"}
 _JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
 _STOP = 2.0  # nor one that comes to rest so many times faster, at once and to the last bit
 _FROZEN = 0.1  # [rad/s] from which it may where there is no limit of the acceleration
@@ -106,6 +107,9 @@ class ForceEstimator(PythonDiagram):
                 builder.ConnectInput("tare", port)
         outputs = {"estimated_torque": observer.GetOutputPort("external_torque")}
         self.port_units = {"estimated_torque": "Nm"}
+        self.port_components = dict(_COMPONENTS)
+        if len(wrenches) > 1:
+            self.port_components |= dict.fromkeys(("near_singular", "torque_elsewhere"), "a")
         first = next(iter(wrenches.values()))
         for port in map(first.get_output_port, range(first.num_output_ports())):
             parts = [wrench.GetOutputPort(port.get_name()) for wrench in wrenches.values()]

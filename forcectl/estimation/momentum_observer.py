@@ -160,6 +160,7 @@ class MomentumObserver(SampledBatch):
             "torque_balance": "Nm",
             "reading_ok": "1",
         }
+        self.port_components = dict.fromkeys(("residual", "torque_balance", "reading_ok"), "n")
         inputs = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity", "motor_torque")]
         inputs.append(self.DeclareVectorInputPort("reset", 1))
         self._scratch = scratch(self, "plant context", model.create_context)

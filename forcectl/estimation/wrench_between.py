@@ -96,6 +96,7 @@ class WrenchBetween(PythonBlock):
     """
 
     port_units = {"wrench": "Nm,N", "wrench_covariance": ""}
+    port_components = {"wrench": "6"}
 
     def __init__(
         self,

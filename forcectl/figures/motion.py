@@ -12,16 +12,24 @@ from forcectl.figures.force import COLOURS, NOTHING, Found, mark_findings, stack
 
 _LOCAL = "estimated_local_wrench"
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2))}
-_OF_COMPONENTS = {"joint": "link_position", "arm": "arm_contact_force", "wrench_component": "tip_wrench"}
+# A signal that has a number in all components that there are, by their dimension.
+_OF_COMPONENTS = {
+    "joint": "link_position",
+    "arm": "arm_contact_force",
+    "wrench_component": "tip_wrench",
+    "task_coordinate": "task_position",
+    "task_wrench_component": "task_wrench",
+}
 
 
 def one_variant(log: Any, index: int = 0) -> Any:
-    """The log of one variant alone, without the times, joints and arms that only others have."""
+    """The log of one variant alone, without the times, joints, arms and tasks that only others have."""
     if "variant" not in log.dims:
         return log
     one = log.isel(variant=index).dropna("time", how="all")
     for dimension, signal in _OF_COMPONENTS.items():
-        one = one.isel({dimension: one[signal].notnull().any("time").values})
+        if signal in one:
+            one = one.isel({dimension: one[signal].notnull().any("time").values})
     return one
 
 

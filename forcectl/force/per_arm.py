@@ -8,7 +8,7 @@ from typing import Any
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
-from forcectl.conventions import unit_of
+from forcectl.conventions import Components, unit_of
 from forcectl.errors import about, invalid
 from forcectl.force.law import require_force_law
 from forcectl.framework.block import PythonDiagram, of_ports
@@ -93,10 +93,13 @@ class PerArm(PythonDiagram):
         commands = [law.GetOutputPort("displacement_command") for law in added]
         builder.ExportOutput(stacked(builder, "displacement_commands", commands), "displacement_command")
         self.port_units: dict[str, str] = {}
+        self.port_components: dict[str, str | Components] = {}
         for arm, law in zip(model.arms, added, strict=True):
-            units = of_ports(law, "port_units")
+            units, components = (of_ports(law, f"port_{what}") for what in ("units", "components"))
             for name in output_names(law):
                 if name != "displacement_command":
                     builder.ExportOutput(law.GetOutputPort(name), f"{arm}_{name}")
                     self.port_units[f"{arm}_{name}"] = unit_of(name, units)
+                    if name in components:
+                        self.port_components[f"{arm}_{name}"] = components[name]
         builder.BuildInto(self)

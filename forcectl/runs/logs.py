@@ -1,11 +1,13 @@
 """Logs: what a diagram recorded, as labelled data, and as a NetCDF file.
 
 One variant is a dataset over `time` with the scalar coordinate `variant`; several are stacked along the dimension
-`variant`. Vector signals have a second dimension with the names of their components. Every variable has the attributes
-`units` and `long_name`. One that is the number of something, such as a mode, also has `flag_values` and, with blanks
-between the names, `flag_meanings` (CF conventions, section 3.5), and `flag_reasons`, a line `name: reason` for each one
-that has a reason, such as a failure of a state machine. `comment` says what a signal of the conventions is.
-The dataset says of which scenario it is and what it was made with, see `described`.
+`variant`. Vector signals have a second dimension with the names of their components, such as `rub.force_x` of the
+wrench on a task `rub`, see `forcectl.diagrams.components`. Every variable has the attributes `units` and `long_name`,
+one whose components have several units also `component_units`, one for each with blanks between them. One that is the
+number of something, such as a mode, also has `flag_values` and, with blanks between the names, `flag_meanings` (CF
+conventions, section 3.5), and `flag_reasons`, a line `name: reason` for each one that has a reason, such as a failure
+of a state machine. `comment` says what a signal of the conventions is. The dataset says of which scenario it is and
+what it was made with, see `described`.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from numpy.typing import NDArray
 import forcectl
 from forcectl.analysis.force_metrics import model_response
 from forcectl.conventions import SIGNALS, TRUTH, unit_of
-from forcectl.diagrams.derived import SOURCES, Derived
+from forcectl.diagrams.derived import Derived
 from forcectl.errors import BadInputError, one_line
 from forcectl.force.guard.limits import Cause, Reaction
 from forcectl.framework.files.netcdf_file import check_netcdf
@@ -88,17 +90,17 @@ def to_dataset(
     signals: Mapping[str, Any],
     variant: str,
     model_bandwidth: float | None = None,
-    derived: Mapping[str, Derived | tuple[str, Array]] | None = None,
+    derived: Mapping[str, Derived] | None = None,
 ) -> xr.Dataset:
     """The log of one variant.
 
     Args:
         times: (k,) [s].
         values: (n, k).
-        signals: name -> which `rows` (a slice), `unit`, component `labels` (None: a scalar), `meanings` of its values.
+        signals: by name, as `LoggedSignal` says them.
         variant: name of the variant.
         model_bandwidth: of the reference model [rad/s]; adds its response `model_force` [N].
-        derived: further signals by name: unit and samples (k,), or (k, m) of a vector, or a `Derived`.
+        derived: further signals by name.
     """
     variables: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]] = {}
     coordinates: dict[str, Any] = {"time": ("time", times, {"units": "s", "long_name": "time"}), "variant": variant}
@@ -113,17 +115,13 @@ def to_dataset(
         if signal.labels is None:
             variables[name] = (("time",), rows[0].copy(), attributes)
         else:
-            of_joints = name.startswith(("motor_", "link_", "joint_"))
-            component = signal.dimension or ("joint" if of_joints else f"{name}_component")
-            coordinates[component] = list(signal.labels)
-            variables[name] = (("time", component), rows.T.copy(), attributes)
+            coordinates[signal.dimension] = list(signal.labels)
+            variables[name] = (("time", signal.dimension), rows.T.copy(), attributes)
     for name, each in (derived or {}).items():
-        signal = Derived(*each)
-        attributes = _attributes(name, signal, signal.comment)
-        component = signal.dimension or ("joint" if name in SOURCES else f"{name}_component")
-        variables[name] = (("time", component)[: signal.samples.ndim], signal.samples, attributes)
-        if signal.samples.ndim > 1 and (signal.labels or component not in coordinates):
-            coordinates[component] = list(signal.labels) or [str(i) for i in range(1, signal.samples.shape[1] + 1)]
+        dimensions = ("time", each.dimension)[: each.samples.ndim]
+        variables[name] = (dimensions, each.samples, _attributes(name, each, each.comment))
+        if each.labels:
+            coordinates[each.dimension] = list(each.labels)
     if model_bandwidth is not None:
         dimensions, desired, _ = variables["desired_force"]
         columns = np.atleast_2d(desired.T)
@@ -143,10 +141,13 @@ def _attributes(name: str, signal: Any, comment: str = "") -> dict[str, Any]:
 
     Args:
         name: of the signal.
-        signal: its `unit`, and the `meanings` of its values where it is the number of something.
+        signal: its `unit`, the `units` of its components where they differ, and the `meanings` of its values where it
+            is the number of something.
         comment: what it is; empty: what is known of its name.
     """
     attributes = {"units": signal.unit, "long_name": name.replace("_", " ")}
+    if len(set(signal.units)) > 1:
+        attributes["component_units"] = " ".join(each.replace(" ", ".") for each in signal.units)
     known = SIGNALS[name].meaning if name in SIGNALS else _COMMENTS.get(name, "")
     if comment or known:
         attributes["comment"] = comment or known
@@ -156,11 +157,17 @@ def _attributes(name: str, signal: Any, comment: str = "") -> dict[str, Any]:
 
 
 def stack(logs: Sequence[xr.Dataset]) -> xr.Dataset:
-    """The logs of several variants as one, over (variant, time); shorter ones are filled up with NaN."""
+    """The logs of several variants as one, over (variant, time); shorter ones are filled up with NaN.
+
+    Where they have different components, such as tasks, all stand in the order in which they first come.
+    """
     if len(logs) == 1:
         return logs[0]
+    components = {str(name): list[Any]() for log in logs for name in log.indexes if name != "time"}
+    for name, labels in components.items():
+        labels += dict.fromkeys(label for log in logs if name in log.indexes for label in log[name].values)
     return xr.concat(
-        logs,
+        [log.reindex({name: all_ for name, all_ in components.items() if name in log.indexes}) for log in logs],
         dim="variant",
         join="outer",
         data_vars="all",

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
+from forcectl.diagrams.derived import Derived
 from forcectl.diagrams.loop import Loop
 
 Array = NDArray[np.float64]
@@ -35,8 +36,8 @@ class Probed:
             self._taken[tick] = [port.Eval(own).copy() for port, own in self._reads]
         return EventStatus.DidNothing()
 
-    def samples(self, times: Array) -> dict[str, tuple[str, Array]]:
-        """Unit and samples (k,) or (k, m) at `times` (k,) [s] by name; NaN where a run stopped before one."""
+    def samples(self, times: Array) -> dict[str, Derived]:
+        """The signals at `times` (k,) [s] by name; NaN where a run stopped before one."""
         found = {}
         for i, probe in enumerate(self._probes):
             missing = np.full(probe.port.size(), np.nan)
@@ -44,5 +45,9 @@ class Probed:
                 self._taken[tick][i] if (tick := round(t / self._period)) in self._taken else missing for t in times
             ]
             samples = np.array(rows).reshape(len(times), probe.port.size())
-            found[probe.name] = (probe.unit, samples[:, 0] if probe.port.size() == 1 else samples)
+            if probe.components is None:
+                found[probe.name] = Derived(probe.unit, samples[:, 0])
+            else:
+                dimension, labels, units = probe.components
+                found[probe.name] = Derived(probe.unit, samples, "", dimension, labels, units=units)
         return found

@@ -15,7 +15,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, System
 
 from forcectl.analysis.findings.finding import RunFinding
-from forcectl.diagrams.derived import Derived
 from forcectl.diagrams.loop import Loop
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError, RunFailedError
@@ -172,7 +171,7 @@ def _simulated(
     times, values = log.samples()
     bandwidth = scenario.model_bandwidth(loop.reference_model_bandwidth)
     probes = probed.samples(times)
-    further = {name: Derived(*samples) for name, samples in probes.items()} | loop.derived(values, probes)
+    further = probes | loop.derived(values, probes)
     dataset = to_dataset(times, values, loop.signals, variant, bandwidth, further)
     speed = end / computing if computing > 0 else None
     interrupts.heeded = isinstance(cause, KeyboardInterrupt)

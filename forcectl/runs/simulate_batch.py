@@ -105,7 +105,7 @@ class _Batch:
         first = next(iter(own))
         found = {first: LoggedSignal(slice(0, 1), own[first].unit, None), "motor_position": motors}
         for row, name in enumerate(list(own)[1:], 1 + len(joints)):
-            found[name] = replace(own[name], rows=slice(row, row + 1), labels=None)
+            found[name] = replace(own[name], rows=slice(row, row + 1), labels=None, dimension=None)
         # Zero where a guard passes, see `passes`.
         if self.scenarios[0].guard is not None and "status" not in own:
             end = len(own) + len(joints)

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pydrake.systems.framework import Diagram
 
+from forcectl.diagrams.components import components_of
 from forcectl.diagrams.log import Probe
+from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, invalid
 from forcectl.inspect.ports import one_output, unit, value_type
 from forcectl.inspect.wiring import Wiring
 
 
-def probes_of(diagram: Diagram, names: Sequence[str]) -> tuple[Probe, ...]:
+def probes_of(diagram: Diagram, names: Sequence[str], workcell: Workcell) -> tuple[Probe, ...]:
     """The ports that are logged beside the signals of a loop.
 
     Args:
         diagram: of the loop.
         names: as `forcectl graph` shows them, `station/force_sensor.measured_wrench`.
+        workcell: of the loop.
 
     Raises:
         BadInputError: there is no output of a name, or it holds no numbers.
@@ -31,4 +35,5 @@ def probes_of(diagram: Diagram, names: Sequence[str]) -> tuple[Probe, ...]:
         if value_type(port := wiring.port(address)):
             raise invalid(f"log.{i}", name, "an output with numbers")
         probes.append(Probe(name.replace("/", "."), port, unit(wiring, address)))
-    return tuple(probes)
+    named = components_of({probe.name: probe.port for probe in probes}, workcell)
+    return tuple(replace(probe, components=named.get(probe.name)) for probe in probes)

@@ -112,7 +112,11 @@ class Scenario(Config):
         if self.reference_model and "desired_force" not in loop.signals:
             raise invalid("reference_model", self.reference_model, "left out where nothing takes a desired force")
         check_built(self, loop)
-        return replace(loop, probes=(*loop.probes, *probes_of(loop.diagram, self.log))) if self.log else loop
+        return (
+            replace(loop, probes=(*loop.probes, *probes_of(loop.diagram, self.log, loop.workcell)))
+            if self.log
+            else loop
+        )
 
     def experiment(self, name: str, variant: str | None) -> Scenario:
         """The experiment that a law names in `gains_from`, without following what that one names."""

@@ -10,7 +10,7 @@ q, q' are the commanded motion. The trajectory generator is reset when its last 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context
 
+from forcectl.conventions import Components
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.block import scratch
@@ -166,6 +167,7 @@ class ReactiveController(SampledBlock):
     """
 
     port_units = dict.fromkeys(_DIAGNOSTICS, "1") | {"slack": "", "constraint_violation": "", "reading_ok": "1"}
+    port_components: Mapping[str, str | Components] = {"reading_ok": "n"}
     keeps_start = True
     optional_inputs = ("task_acceleration_reference", "task_target", "joint_position", "joint_velocity")
 
@@ -253,6 +255,9 @@ class ReactiveController(SampledBlock):
         sizes = [(mode.constraints.foreseen_size, mode.program.size, len(mode.criterion_start)) for mode in self._modes]
         self._sizes = np.max(sizes, axis=0).tolist()  # of what modes remember, each as long as the longest
         foreseen, costs, criterion = self._sizes
+        if {size for _, size, _ in sizes} == {costs}:  # else a row is a level in one mode, the criterion in another
+            labels = (*(f"level_{i}" for i in range(1, costs)), "criterion")
+            self.port_components = {**self.port_components, "stage_costs": Components("stage", labels)}
         memory = {
             "joint_position_command": start,
             "joint_velocity_command": np.zeros(n),

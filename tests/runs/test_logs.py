@@ -4,31 +4,24 @@ from __future__ import annotations
 
 import gc
 import sys
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import forcectl as fc
 from forcectl.conventions import SIGNALS as CONVENTIONS
+from forcectl.diagrams.log import LoggedSignal
 from forcectl.runs.logs import ChunkedLog, first_fault, read_netcdf, stack, to_dataset, write_netcdf
 
-
-@dataclass(frozen=True)
-class Signal:
-    rows: slice
-    unit: str
-    labels: tuple[str, ...] | None = None
-    dimension: str | None = None
-    meanings: tuple[str, ...] = ()
-    reasons: tuple[str, ...] = ()
-
-
 SIGNALS = {
-    "desired_force": Signal(slice(0, 1), "N"),
-    "contact_force": Signal(slice(1, 2), "N"),
-    "motor_position": Signal(slice(2, 4), "rad", ("shoulder", "elbow")),
+    "desired_force": LoggedSignal(slice(0, 1), "N", None),
+    "contact_force": LoggedSignal(slice(1, 2), "N", None),
+    "motor_position": LoggedSignal(slice(2, 4), "rad", ("shoulder", "elbow"), "joint"),
 }
+
+
+TASK = LoggedSignal(slice(0, 2), "m/s,rad/s", ("touch.z", "touch.phi"), "task_coordinate", units=("m/s", "rad/s"))
 
 
 class FakeVectorLog:
@@ -54,7 +47,8 @@ def samples(n=5, seed=1):
 
 def test_the_names_of_values_stand_in_the_log_and_the_file(tmp_path):
     """Where variants have different ones no name is better than a wrong one."""
-    signals = {"mode": Signal(slice(0, 1), "1", meanings=("press", "turn", "lost"), reasons=("", "", "no part: why?"))}
+    meanings, reasons = ("press", "turn", "lost"), ("", "", "no part: why?")
+    signals = {"mode": LoggedSignal(slice(0, 1), "1", None, meanings=meanings, reasons=reasons)}
     logs = [to_dataset(*samples(), signals, name) for name in ("a", "b")]
     write_netcdf(stack(logs), tmp_path / "log.nc")
     read = read_netcdf(tmp_path / "log.nc")
@@ -97,6 +91,26 @@ def test_several_variants_are_stacked_and_shorter_ones_filled_up():
     assert np.isnan(both["desired_force"].sel(variant="b").values[3:]).all()
     assert both["motor_position"].attrs["units"] == "rad"
     np.testing.assert_array_equal(both["contact_force"].sel(variant="a"), a["contact_force"])
+
+
+def test_several_units_stand_one_for_each_component():
+    log = to_dataset(*samples(), {"task_velocity": TASK}, "a")
+    assert log["task_velocity"].attrs["units"] == "m/s,rad/s"
+    assert log["task_velocity"].attrs["component_units"] == "m/s rad/s"
+    assert "component_units" not in to_dataset(*samples(), SIGNALS, "a")["motor_position"].attrs
+
+
+def test_components_that_only_some_variants_have_keep_their_order():
+    other = replace(TASK, labels=("touch.z", "rub.phi"))
+    logs = [to_dataset(*samples(), {"task_velocity": each}, name) for name, each in (("a", TASK), ("b", other))]
+    both = stack(logs)
+    assert list(both["task_coordinate"].values) == ["touch.z", "touch.phi", "rub.phi"]
+    for log in logs:
+        for label in log["task_coordinate"].values:
+            np.testing.assert_array_equal(
+                both["task_velocity"].sel(variant=log["variant"], task_coordinate=label),
+                log["task_velocity"].sel(task_coordinate=label),
+            )
 
 
 def test_files_read_back_bit_for_bit_and_the_same_log_gives_the_same_file(tmp_path):

@@ -20,10 +20,9 @@ def test_named_outputs_are_logged_when_the_log_takes_its_samples():
     np.testing.assert_array_equal(probed["station.measured_force"], plain["measured_force"])
     np.testing.assert_array_equal(probed["controller.joint_position_command"], plain["joint_position_command"])
     wrench = probed["station.force_sensor.measured_wrench"]
-    assert (wrench.dims, wrench.attrs["units"]) == (
-        ("time", "station.force_sensor.measured_wrench_component"),
-        "Nm,N",
-    )
+    assert (wrench.dims, wrench.attrs["units"]) == (("time", "contact_component"), "Nm,N")
+    assert list(wrench["contact_component"].values)[3:] == ["force_x", "force_y", "force_z"]
+    assert probed["controller.joint_position_command"].dims == ("time", "joint")
     assert not np.isnan(wrench.values).any()
 
 

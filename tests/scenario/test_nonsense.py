@@ -86,7 +86,10 @@ REFUSED = [
         "station: {environment: {surface: {heights: {f: !ProfileFile {path: far.csv}}}}}",
         "positions from 5 to 6 m: must meet the path, from -0.2 to 0.2 m",
     ),
-    ("station: {environment: {surface: {moves: [{start: 0.1}]}}}", "surface.moves.0.distance = 0.0: must be at least 1e-07 m in size"),
+    (
+        "station: {environment: {surface: {moves: [{start: 0.1}]}}}",
+        "surface.moves.0.distance = 0.0: must be at least 1e-07 m in size",
+    ),
     (
         "station: {environment: {surface: {moves: [{distance: 0.05, duration: 1e-6}]}}}",
         "surface.moves.0.duration = 1e-06: must be at least 0.005 s, which is 10 m/s",

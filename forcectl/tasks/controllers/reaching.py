@@ -5,7 +5,7 @@ A MotionController (see `forcectl.tasks.controllers.base`): targets over time, g
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,7 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
 from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
+from forcectl.tasks.controllers.components import task_components
 from forcectl.tasks.coordinates import COORDINATES, ArmTask
 from forcectl.tasks.reactive_controller import READINGS, ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
@@ -102,9 +103,11 @@ class ReactiveReachingConfig(TaskControllerConfig):
         tasks = self._tasks(start_motion(model))
         _check_places(tasks, model)
         modes = {str(i): mode for i, mode in enumerate(self.modes)}
-        controller = self.made_controller(model, {name: task for name, task, _ in tasks}, modes)
+        named = {name: task for name, task, _ in tasks}
+        controller = self.made_controller(model, named, modes)
         targets = _targets(tasks, controller.task_start)
-        return builder.AddNamedSystem("reactive_reaching", ReactiveReaching(controller, targets, self.motion_limits))
+        made = ReactiveReaching(controller, targets, self.motion_limits, named)
+        return builder.AddNamedSystem("reactive_reaching", made)
 
     def _targets_of(self, name: str) -> Sequence[TaskTargetConfig]:
         """Those of a task, which may be of a class of the user's."""
@@ -251,10 +254,23 @@ class ReactiveReaching(PythonDiagram):
     The other ports: see `ReactiveMotion`. All outputs are feedthrough of all inputs at the tick.
 
     Sampling: every `period` [s] of the controller; no delay from the readings to the references.
+
+    Args:
+        controller: of the tasks.
+        target: of their coordinates.
+        limits: of the motion.
+        tasks: by name, in the order of the coordinates.
     """
 
-    def __init__(self, controller: ReactiveController, target: TrajectorySource, limits: MotionLimitsConfig):
+    def __init__(
+        self,
+        controller: ReactiveController,
+        target: TrajectorySource,
+        limits: MotionLimitsConfig,
+        tasks: Mapping[str, ArmTask],
+    ):
         super().__init__()
+        self.port_components = task_components(tasks)
         builder = DiagramBuilder()
         source = builder.AddNamedSystem("target", target)
         motion = builder.AddNamedSystem("motion", ReactiveMotion(controller, limits))

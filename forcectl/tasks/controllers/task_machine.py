@@ -35,6 +35,7 @@ from forcectl.tasks.compliance.motion import CompliantMotion
 from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConfig, mode_references
 from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
+from forcectl.tasks.controllers.components import task_components
 from forcectl.tasks.controllers.reaching import task_space
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.machine.chart import MachineChart
@@ -291,6 +292,7 @@ class TaskMachine(PythonDiagram):
     ):
         super().__init__()
         self.port_keys: dict[str, str] = {}
+        self.port_components = task_components(tasks)
         builder = DiagramBuilder()
         builder.AddNamedSystem("motion", motion)
         builder.AddNamedSystem("machine", machine)

@@ -1,0 +1,37 @@
+"""What the components of the ports of a controller are that follows tasks: their coordinates and wrenches, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from forcectl.conventions import WRENCH_PARTS, Components
+from forcectl.tasks.coordinates import ArmTask
+
+# Units of positions and angles by the port.
+_UNITS = {
+    "task_position_reference": ("m", "rad"),
+    "task_position": ("m", "rad"),
+    "task_velocity": ("m/s", "rad/s"),
+    "task_acceleration": ("m/s^2", "rad/s^2"),
+    "task_target": ("m", "rad"),
+    "task_displacement": ("m", "rad"),
+    "task_force": ("N", "Nm"),
+    "task_force_ok": ("1", "1"),
+}
+
+
+def task_components(tasks: Mapping[str, ArmTask]) -> dict[str, Components]:
+    """Components by the name of the port, as `port_components` has them.
+
+    Args:
+        tasks: by name, in the order of the coordinates.
+    """
+    labels = tuple(f"{name}.{coordinate}" for name, task in tasks.items() for coordinate in task.coordinates)
+    angular = [turns for task in tasks.values() for turns in task.angular]
+    found = {
+        port: Components("task_coordinate", labels, tuple(units[int(turns)] for turns in angular))
+        for port, units in _UNITS.items()
+    }
+    wrenches = tuple(f"{name}.{part}" for name in tasks for part in WRENCH_PARTS)
+    found["task_wrench"] = Components("task_wrench_component", wrenches, (*("Nm",) * 3, *("N",) * 3) * len(tasks))
+    return found
