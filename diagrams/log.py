@@ -105,8 +105,10 @@ def add_log(
         dimension, named, units = components.get(name, (None, None, ()))
         known = of_ports(port.get_system(), "port_units")
         unit = ",".join(dict.fromkeys(units)) or unit_of(name, known) or unit_of(port.get_name(), known)
-        said = [of_ports(port.get_system(), f"port_{what}").get(name, ()) for what in ("meanings", "reasons")]
-        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension, *said, units)
+        meanings, reasons = (
+            of_ports(port.get_system(), f"port_{what}").get(name, ()) for what in ("meanings", "reasons")
+        )
+        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension, meanings, reasons, units)
         row += port.size()
     sink = LogVectorOutput(multiplexer.get_output_port(), builder, period)
     sink.set_name("log")

@@ -79,7 +79,7 @@ def test_terms_that_do_not_go_together_are_told():
 def test_a_name_that_is_not_known_is_told_with_the_nearest():
     with pytest.raises(BadInputError, match=r"constraints.0: unknown varied key 'stifness': did you mean 'stiffness'"):
         Expression("stifness > 1", "constraints.0").check_names(["stiffness"], "varied key")
-    with pytest.raises(BadInputError, match="did you mean 'key_7'. known: key_7, .* and 88 more$"):
+    with pytest.raises(BadInputError, match=r"did you mean 'key_7'. known: key_7, .* and 88 more$"):
         Expression("ky_7 > 1").check_names([f"key_{i}" for i in range(100)], "key")
 
 
