@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, System
 
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 CHUNK = 0.25  # [s] of simulated time between two looks at the log
 FOUND: dict[str, dict[str, float | None]] = {}  # text of an experiment that finds gains -> its metrics, in this process
 MOST_FOUND = 100  # of them that are kept
+_NOT_CONVERGED, _ADVICE = "solver failed to converge", " Reasons for divergence"  # in a message of Drake's
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,7 @@ def _simulated(
             failure = fault_of(name, when, value, loop.signals[name].unit)
             log.cut(when)
         elif cause is not None:
-            failure = f"{_state_fault(loop.diagram, context)} at t = {context.get_time():.4f} s: {_reason(cause)}"
+            failure = why_stopped(loop.diagram, context, cause)
         elif scenario.after_end is not None:
             ended = _machine_end(times, values, loop.signals) if ended is None else ended
             if enough := ended is not None and ended + scenario.after_end < end:
@@ -253,19 +255,35 @@ def advance(
     return None, time.perf_counter() - started
 
 
-def _reason(error: BaseException) -> str:
-    text = " ".join(str(error).split())[:200]
-    return text if isinstance(error, RuntimeError) and text else f"{type(error).__name__} {text}".strip()
+def why_stopped(diagram: Diagram, context: Context, error: BaseException) -> str:
+    """What is said of a simulation that an error stopped: of which block, when, and the error.
+
+    Args:
+        diagram: that was simulated.
+        context: its, as the error left it.
+        error: of a block or a solver.
+    """
+    text = " ".join(str(error).split())
+    what = "simulation stopped"
+    if name := next((name for name, block in _blocks(diagram) if not _is_sound(block, context)), ""):
+        what = f"state of {name} is not a finite number"
+    elif _NOT_CONVERGED in text:
+        plants = [name for name, block in _blocks(diagram) if isinstance(block, MultibodyPlant)]
+        what = f"contact solver of {', '.join(plants)} gave up"
+    text = text.split(_ADVICE)[0][:200]
+    reason = text if isinstance(error, RuntimeError) and text else f"{type(error).__name__} {text}".strip()
+    return f"{what} at t = {context.get_time():.4f} s: {reason}"
 
 
-def _state_fault(diagram: Diagram, context: Context) -> str:
-    """Which block's state is not a finite number, in words; else that the simulation stopped."""
-    for name, block in _blocks(diagram):
-        own = block.GetMyContextFromRoot(context)
-        groups = [own.get_discrete_state(i).value() for i in range(own.num_discrete_state_groups())]
-        if not np.isfinite(np.concatenate([own.get_continuous_state_vector().CopyToVector(), *groups])).all():
-            return f"state of {name} is not a finite number"
-    return "simulation stopped"
+def _is_sound(block: System, context: Context) -> bool:
+    """Whether the state of a block is finite, but for what is not so by default: there it stands for "none"."""
+    now, default = (_state(each) for each in (block.GetMyContextFromRoot(context), block.CreateDefaultContext()))
+    return bool((np.isfinite(now) | ~np.isfinite(default)).all())
+
+
+def _state(own: Context) -> Array:
+    groups = [own.get_discrete_state(i).value() for i in range(own.num_discrete_state_groups())]
+    return np.concatenate([own.get_continuous_state_vector().CopyToVector(), *groups])
 
 
 def _blocks(diagram: Diagram, path: str = "") -> Iterator[tuple[str, System]]:

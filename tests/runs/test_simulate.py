@@ -7,6 +7,8 @@ import signal
 
 import numpy as np
 import pytest
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 import forcectl as fc
 from forcectl.errors import RunFailedError
@@ -99,3 +101,29 @@ def test_such_a_scenario_does_not_run_in_a_batch(folder):
     asking = fc.load_scenario("use.yaml")
     assert batch_size(asking) == 0
     assert batch_size(fc.load_scenario("use.yaml", overrides={"controller.gains_from": None})) > 0
+
+
+GAVE_UP = RuntimeError("The SAP solver failed to converge at simulation time = 0. Reasons for divergence and so on")
+
+
+@pytest.mark.parametrize(
+    ("goal", "error", "message"),
+    [
+        (np.nan, GAVE_UP, "contact solver of plant gave up at t = 0.0000 s: The SAP solver failed to converge at "),
+        (np.nan, KeyError("law"), "simulation stopped at t = 0.0000 s: KeyError 'law'"),
+        (1.0, GAVE_UP, "state of references is not a finite number at t = 0.0000 s: The SAP solver failed to "),
+    ],
+)
+def test_what_stopped_names_the_block(goal, error, message):
+    """A state that is not a number by default, as a goal that there is none of, is no fault."""
+    builder = DiagramBuilder()
+    references = builder.AddNamedSystem("references", LeafSystem())
+    references.DeclareDiscreteState([goal, 1.0])
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(1e-3))
+    plant.Finalize()
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    references.GetMyMutableContextFromRoot(context).SetDiscreteState(0, [np.nan, 1.0])
+    text = simulate.why_stopped(diagram, context, error)
+    assert text.startswith(message)
+    assert "Reasons" not in text
