@@ -14,7 +14,8 @@ from forcectl.framework.block import PythonBlock
 from forcectl.plant.contact.part import GraspConfig
 
 Array = NDArray[np.float64]
-_FAR = 1e6  # [m, rad] where the actuators of an open grasp are sent
+_FASTEST = 1e3  # [m/s, rad/s] of a free part
+_AHEAD = 1.0  # [m, rad] that it moves within a tick, and more
 _ROUNDING = 1e-9  # [s] of the times of ticks
 SPRINGS = 6  # of a grasp: along and about the axes of the TCP; each has two actuators
 
@@ -41,15 +42,27 @@ def turned_by(angles: Array) -> float:
     return float(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)))
 
 
-def desired_state(rest: Array, held: bool) -> Array:
-    """Of the actuators of a grasp, shape (24,): at rest where it holds; open, one to each side as far as it goes.
+def far_enough(config: GraspConfig) -> Array:
+    """How far from the part the actuators of an open grasp stay at their limits, shape (6,) [m, rad].
+
+    Not farther: the contact solver adds up p times this distance, beside which the energies of light parts are lost in
+    rounding. With 1e6 m it did not converge for a tube of 15 g.
+    """
+    limit = np.array([*config.force_limit, *config.torque_limit])
+    damping = np.array([*config.damping, *config.rotational_damping])
+    stiffness = np.array([*config.stiffness, *config.rotational_stiffness])
+    return _AHEAD + (limit + damping * _FASTEST) / stiffness
+
+
+def desired_state(offset: Array, far: Array | float) -> Array:
+    """Of the actuators of a grasp, shape (24,): without speed, one of each pair ahead of the part and one behind it.
 
     Args:
-        rest: positions of the springs without force, shape (6,) [m, rad].
-        held: whether the grasp holds.
+        offset: positions of the springs, shape (6,) [m, rad].
+        far: how far, see `far_enough`; 0: held there [m, rad].
     """
     desired = np.zeros(4 * SPRINGS)
-    desired[: 2 * SPRINGS] = np.repeat(rest, 2) if held else np.tile([_FAR, -_FAR], SPRINGS)
+    desired[: 2 * SPRINGS] = np.column_stack([offset + far, offset - far]).ravel()
     return desired
 
 
@@ -69,7 +82,7 @@ class GripperOpening(PythonBlock):
     part_released: shape (h,), 0 while a gripper holds the part, else 1 [1].
     gripper_holds: shape (a,), 1 where the gripper is closed and holds a part, else 0 [1].
     desired_state_1: shape (24,), of the actuators of the first part's grasp [m, rad, m/s, rad/s]; desired_state_2 of
-    the second, and so on.
+    the second, and so on. Those of an open grasp go along with the part.
     All outputs are state, no direct feedthrough.
 
     A gripper that opens lets its parts go. One that closes takes the parts whose offset is within `reach` and
@@ -91,6 +104,7 @@ class GripperOpening(PythonBlock):
         super().__init__()
         check("period", period, "positive")
         self._grasps = tuple(grasps)
+        self._far = [far_enough(grasp.config) for grasp in self._grasps]
         self._command = self.DeclareVectorInputPort("gripper_command", arms)
         self._offset = self.DeclareVectorInputPort("grasp_offset", SPRINGS * len(self._grasps))
         held = np.array([grasp.held for grasp in self._grasps])
@@ -98,7 +112,10 @@ class GripperOpening(PythonBlock):
         self._closed = self.DeclareDiscreteState(holding)
         self._released = self.DeclareDiscreteState(1.0 - held)
         self._holds = self.DeclareDiscreteState(holding)
-        self._desired = [self.DeclareDiscreteState(desired_state(np.zeros(SPRINGS), each)) for each in held]
+        self._desired = [
+            self.DeclareDiscreteState(desired_state(np.zeros(SPRINGS), 0.0 if each else far))
+            for each, far in zip(held, self._far, strict=True)
+        ]
         self.DeclareStateOutputPort("part_released", self._released)
         self.DeclareStateOutputPort("gripper_holds", self._holds)
         names = [f"desired_state_{i + 1}" for i in range(len(self._grasps))]
@@ -130,8 +147,10 @@ class GripperOpening(PythonBlock):
             else:
                 held[k] = closing[grasp.arm] and _within(offset, grasp.config)
             held[k] &= not open_by_time
-            if held[k] != was_held:
-                next_state.set_value(self._desired[k], desired_state(offset, held[k]))
+            if not held[k]:
+                next_state.set_value(self._desired[k], desired_state(offset, self._far[k]))
+            elif not was_held:
+                next_state.set_value(self._desired[k], desired_state(offset, 0.0))
         next_state.set_value(self._closed, closed.astype(float))
         next_state.set_value(self._released, 1.0 - held)
         next_state.set_value(self._holds, self._holding(held))

@@ -141,6 +141,24 @@ def test_a_gripper_takes_what_is_within_reach_when_it_closes():
     np.testing.assert_array_equal(gripper.read("desired_state_2"), np.append(np.repeat(near, 2), np.zeros(12)))
 
 
+def test_the_actuators_of_an_open_grasp_stay_at_their_limits_and_near_the_part():
+    """Far away, the energies of light parts are lost in rounding beside theirs."""
+    config = GraspConfig()
+    gripper, fallen = Gripper(), np.array([0.3, -700.0, 20.0, 50.0, -1.0, 0.2])
+    gripper.put(fallen, fallen)
+    gripper.tick(0.0, 0.0)
+    stiffness = np.array([*config.stiffness, *config.rotational_stiffness])
+    damping = np.array([*config.damping, *config.rotational_damping])
+    limit = np.array([*config.force_limit, *config.torque_limit])
+    for name in ("desired_state_1", "desired_state_2"):
+        desired = gripper.read(name)
+        assert not desired[12:].any()
+        ahead, behind = desired[:12].reshape(6, 2).T - fallen
+        np.testing.assert_allclose(ahead, -behind)
+        assert (stiffness * ahead - damping * 100.0 > 10 * limit).all()  # at 100 m/s and rad/s, too
+        assert ahead.max() < 100.0
+
+
 def test_a_command_that_is_not_a_number_changes_nothing():
     gripper = Gripper()
     assert gripper.tick(np.nan, np.nan) == [[0, 1], [1, 0]]
