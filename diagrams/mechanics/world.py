@@ -27,6 +27,7 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex, PdControllerGains
 from pydrake.systems.framework import DiagramBuilder
 
+from forcectl.diagrams.mechanics.area_contact import add_pressure, touch_by_area
 from forcectl.diagrams.mechanics.environment_body import (
     BALL_COMPLIANCE,
     add_environment,
@@ -103,7 +104,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     for joint, position in zip(parts.joints, workcell.start, strict=True):
         joint.set_default_positions(np.array([position]))
     for i, obstacle in enumerate(workcell.obstacles.values()):
-        _add_obstacle(plant, obstacle, f"obstacle_{i + 1}")
+        _add_obstacle(plant, obstacle, f"obstacle_{i + 1}", carries_parts=bool(workcell.parts))
     placed = tuple(
         add_placed_part(plant, parts, name, part, np.random.default_rng([seed, i]))
         for i, (name, part) in enumerate(workcell.parts.items())
@@ -112,6 +113,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     lay_down(plant, parts, placed)
     pairs = tuple(find_pair(plant, name, each, placed) for name, each in workcell.pairs.items())
     if scene_graph is not None:
+        touch_by_area(plant, scene_graph, placed)
         _filter(plant, scene_graph, pressing, solid, workcell.self_collision, placed)
         leave_out_the_hand(plant, scene_graph, parts, placed)
         leave_out_shapes(plant, scene_graph, pairs)
@@ -166,7 +168,7 @@ def _add_joints(plant: MultibodyPlant, parts: RobotParts, workcell: Workcell) ->
     return add_coulomb_friction(plant, parts.joints, drive.true_friction(workcell.robot), steepness)
 
 
-def _add_obstacle(plant: MultibodyPlant, obstacle: ObstacleConfig, name: str) -> None:
+def _add_obstacle(plant: MultibodyPlant, obstacle: ObstacleConfig, name: str, carries_parts: bool) -> None:
     # Drake puts the two bodies in series and adds their relaxation times.
     stiffness = 1 / (1 / obstacle.stiffness - 1 / LARGEST_STIFFNESS)
     properties = ProximityProperties()
@@ -175,6 +177,8 @@ def _add_obstacle(plant: MultibodyPlant, obstacle: ObstacleConfig, name: str) ->
     friction = CoulombFriction(float(own), float(own))
     AddContactMaterial(friction=friction, point_stiffness=float(stiffness), properties=properties)
     properties.AddProperty("material", "relaxation_time", float(obstacle.damping / obstacle.stiffness))
+    if carries_parts:
+        add_pressure(properties, obstacle)
     box, world = Box(*[float(edge) for edge in obstacle.size]), plant.world_body()
     plant.RegisterCollisionGeometry(world, obstacle.pose, box, name, properties)
     plant.RegisterVisualGeometry(world, obstacle.pose, box, name, np.array(_OBSTACLE.rgba))
