@@ -37,6 +37,7 @@ _FUNCTIONS: dict[str, tuple[Callable[..., Any], int, float]] = {
     "min": (min, 2, math.inf),
     "max": (max, 2, math.inf),
 }
+_OPPOSITE: dict[type, type[ast.cmpop]] = {ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt}
 _ANY = (-math.inf, math.inf)
 _SHOWN = 12  # names that are told when there is none of those that the expression needs
 
@@ -100,11 +101,14 @@ class Expression:
                     continue
                 value = self._value_or_none(term, {})
                 if value is None or value in (math.inf, -math.inf):
-                    text = f" = {self.text!r}: {ast.unparse(term)!r} must be a number"
-                    raise BadInputError(text, key=self._key)
-        for side, (low, high) in self.limits().items():
-            if low > high:
-                raise BadInputError(f" = {self.text!r}: no {side} is so: must be able to hold", key=self._key)
+                    raise BadInputError(f" = {self.text!r}: {ast.unparse(term)!r} must be a number", key=self._key)
+        for node in ast.walk(self._tree):
+            if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div) and _range(node.right, {}) == (0.0, 0.0):
+                raise BadInputError(f" = {self.text!r}: {ast.unparse(node)!r} has no value", key=self._key)
+        denied = self._limits(_denied(self._tree))
+        for limits, so in ((self.limits(), "no {} is so: must be able to hold"), (denied, "any {} is so: must not be")):
+            for side in (side for side, (low, high) in limits.items() if low > high):
+                raise BadInputError(f" = {self.text!r}: {so.format(side)}", key=self._key)
         self.check_open({}, {})
 
     def check_open(
@@ -129,8 +133,19 @@ class Expression:
         What is compared is named as written, such as abs(touch.force_z). Nothing is said of parts within `or` and
         `not`.
         """
+        return self._limits(self._tree)
+
+    def covers(self, other: Expression) -> bool:
+        """Whether this condition surely holds wherever another one does: its limits are all that it says."""
+        limits, others = self.limits(), other.limits()
+        if not limits or sum(map(_plain, _joined(self._tree))) < len(list(_parts_of_condition(self._tree))):
+            return False
+        pairs = [(limits[side], others.get(side, _ANY)) for side in limits]
+        return all(low <= least and most <= high for (low, high), (least, most) in pairs)
+
+    def _limits(self, tree: ast.expr) -> dict[str, tuple[float, float]]:
         found: dict[str, tuple[float, float]] = {}
-        for part in _joined(self._tree):
+        for part in _joined(tree):
             terms = [part.left, *part.comparators]
             for op, (left, right) in zip(part.ops, pairwise(terms), strict=True):
                 for side, other, mirrored in ((left, right, False), (right, left, True)):
@@ -229,9 +244,8 @@ class Expression:
 
     def _misplaced(self, node: ast.AST) -> BadInputError:
         allowed = f"names, numbers, + - * / **, comparisons, and, or, not, {', '.join(_FUNCTIONS)}"
-        return BadInputError(
-            f" = {self.text!r}: {ast.unparse(node)!r} cannot stand here: must be of {allowed}", key=self._key
-        )
+        fault = f" = {self.text!r}: {ast.unparse(node)!r} cannot stand here: must be of {allowed}"
+        return BadInputError(fault, key=self._key)
 
     def _value(self, node: ast.expr, values: Mapping[str, Any]) -> Any:
         name = _dotted(node)
@@ -286,6 +300,21 @@ def _joined(node: ast.expr) -> Iterable[ast.Compare]:
     elif isinstance(node, ast.BoolOp) and isinstance(node.op, ast.And):
         for part in node.values:
             yield from _joined(part)
+
+
+def _plain(part: ast.Compare) -> bool:
+    """Whether it is one comparison of a term with a number, other than !=."""
+    (op, *more), sides = part.ops, (part.left, *part.comparators)
+    return not more and not isinstance(op, ast.NotEq) and any(not any(map(_dotted, ast.walk(side))) for side in sides)
+
+
+def _denied(node: ast.expr) -> ast.expr:
+    """What holds where none of the comparisons that `or` joins does; of other conditions nothing that has limits."""
+    parts = node.values if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.Or) else []
+    plain = [(a, type(a.ops[0])) for a in parts if isinstance(a, ast.Compare) and _plain(a)]
+    return ast.BoolOp(
+        ast.And(), [ast.Compare(a.left, [_OPPOSITE.get(b, ast.NotEq)()], a.comparators) for a, b in plain]
+    )
 
 
 def _held(op: type, number: float, mirrored: bool) -> tuple[float, float]:
@@ -347,6 +376,8 @@ def _range(node: ast.expr, ranges: Mapping[str, tuple[float, float]]) -> tuple[f
         low, high = _range(node.operand, ranges)
         return -high, -low
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub | ast.Mult):
+        if isinstance(node.op, ast.Sub) and ast.dump(node.left) == ast.dump(node.right):
+            return 0.0, 0.0
         pairs = product(_range(node.left, ranges), _range(node.right, ranges))
         ends = [_OPERATORS[type(node.op)](*pair) for pair in pairs]
         return _ANY if any(map(math.isnan, ends)) else (min(ends), max(ends))

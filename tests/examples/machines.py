@@ -88,7 +88,7 @@ def random_modes(rng: np.random.Generator) -> Modes:
             for guard in rng.choice(guards, rng.integers(0, 3), replace=False)
         ]
         if name == "d":
-            exits.append(exit_to("done", "x > 0.95 and p.u > 0.9"))
+            exits.insert(0, exit_to("done", "x > 0.95 and p.u > 0.9"))
         following = [*names, "failed"][i + 1]  # so that all modes can be reached
         timeout = float(rng.choice([0.044, 0.06, 0.2]))
         named = name == "a" or rng.random() < 0.3

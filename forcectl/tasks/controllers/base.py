@@ -42,7 +42,7 @@ class ModeConfig(Config):
         check_distinct("tasks", self.tasks)
         check_distinct("constraints", self.constraints)
         for i, pair in enumerate(self.touching):
-            if len(pair) != 2:
+            if len(pair) != 2 or pair[0] == pair[1]:
                 raise invalid(f"touching.{i}", pair, "two names of shapes")
         if len(self.null_space) > 1:
             raise invalid("null_space", [type(part).__name__ for part in self.null_space], "one at most")

@@ -20,7 +20,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import MatrixGain, Multiplexer, ZeroOrderHold
 
@@ -30,12 +29,12 @@ from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key
 from forcectl.framework.wiring import export_all_outputs, input_names
 from forcectl.plant.plant_model import PlantModel
-from forcectl.robot.model import RobotModel
 from forcectl.tasks.compliance.motion import CompliantMotion
 from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConfig, mode_references
 from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
 from forcectl.tasks.controllers.components import task_components
+from forcectl.tasks.controllers.guard_ranges import speed_ranges, wrench_ranges
 from forcectl.tasks.controllers.reaching import task_space
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.machine.chart import MachineChart
@@ -52,8 +51,8 @@ from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.task_parts import start_motion
 
 _OF_CONTROLLER = ("reached", "stalled", "holding")
-_FAR = 10.0  # times the largest force that the motors hold in the start posture
 _BEYOND_ARMS = "no arm gets farther"
+_SLOWER = "references within motion_limits are far slower"
 _OF_ARMS = ("gripper_holds", "torque_elsewhere")
 
 
@@ -178,10 +177,12 @@ class TaskMachineConfig(TaskControllerConfig):
         return [each.to for each in (*self.always, *mode.exits)] + [mode.on_timeout, self.on_bad_signal]
 
     def _check_forces(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
-        """No guard waits for a force on a task far beyond what the motors can hold, which no estimate shows."""
-        largest = _FAR * _largest_force(model.known_robot(), model.start)
-        ranges = {f"{_force(name)}.force_{axis}": (-largest, largest) for name in tasks for axis in "xyz"}
-        because = f"the motors hold far less than {largest:.4g} N"
+        """No guard waits for a wrench far beyond what the motors hold, nor for a speed beyond what references have."""
+        of_speeds = speed_ranges([*self.modes.values()], tasks, self.motion_limits)
+        for name, mode in self.modes.items():
+            check_able(f"modes.{name}.exits", mode.exits, of_speeds, _SLOWER)
+        check_able("always", self.always, of_speeds, _SLOWER)
+        ranges, because = wrench_ranges(model, tasks)
         for name, mode in self.modes.items():
             check_able(f"modes.{name}.exits", mode.exits, ranges, because)
         check_able("always", self.always, ranges, because)
@@ -217,18 +218,6 @@ def _check_reference(
 def _force(task: str) -> str:
     """Name of the wrench on a task."""
     return f"{task}_force"
-
-
-def _largest_force(robot: RobotModel, posture: NDArray[np.float64]) -> float:
-    """Bound on the force [N] that any arm holds in a posture, shape (n,) [rad]; infinite where it is singular."""
-    context, largest = robot.context_at(posture), 0.0
-    for arm in robot.parts.arms.values():
-        across = robot.jacobian_of(context, arm.tcp_frame)[:, arm.joints].T  # torque = J^T wrench
-        if np.linalg.matrix_rank(across) < len(WRENCH_PARTS):
-            return np.inf
-        force = np.abs(np.linalg.pinv(across)[3:]) @ robot.limits.torque[arm.joints]
-        largest = max(largest, float(np.linalg.norm(force)))
-    return largest
 
 
 def _signals(tasks: Mapping[str, ArmTask], arms: Sequence[str]) -> dict[str, list[str]]:

@@ -7,7 +7,7 @@ A machine is refused, in one line with the key, when
 * the timeouts alone do not lead from each mode to an end: a machine none of whose guards ever holds ends, too;
 * it is a success without a guard that holds: the first mode is an end, there are no guards, or the timeouts alone lead
   to a success from the start or from `on_bad_signal`;
-* a guard compares nothing with a signal, or cannot hold before the timeout; a second one is the same as the first;
+* a guard compares nothing with a signal, or cannot hold before the timeout, or never counts after one before it;
 * a comparison in a guard comes out the same whatever the signals are, or counts visits of a mode that nothing leads
   back to;
 * the timeout of a mode leads to a success that one of its guards leads to, too, at once or by way of other modes:
@@ -215,7 +215,7 @@ def _check_guards(place: str, exits: Sequence[ExitConfig], timeout: float = math
         condition.check_condition()
         limits = condition.limits()
         for name, (low, high) in limits.items():
-            if name.partition(".")[0] in _SWITCHES and (low > 1 or high < 0):
+            if name.partition(".")[0] in _SWITCHES and not (low <= 0 <= high or low <= 1 <= high):
                 raise BadInputError(f" = {exit_.when!r}: {name} is 0 or 1: must be able to hold", key=key)
         low, high = limits.get("time", (0.0, 0.0))
         if low >= timeout or high < 0:
@@ -224,7 +224,9 @@ def _check_guards(place: str, exits: Sequence[ExitConfig], timeout: float = math
         if exit_.hold >= timeout:
             raise invalid(f"{place}.{i}.hold", exit_.hold, f"below the timeout, {timeout:g} s")
         for j, first in enumerate(exits[:i]):
-            if "".join(first.when.split()) == "".join(exit_.when.split()) and first.hold <= exit_.hold:
+            same = "".join(first.when.split()) == "".join(exit_.when.split())
+            covered = same or Expression(first.when, f"{place}.{j}.when", GUARD_EXAMPLE).covers(condition)
+            if covered and first.hold <= exit_.hold:
                 raise invalid(key, exit_.when, f"another guard than that of {j}, which counts first")
 
 

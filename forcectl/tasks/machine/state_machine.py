@@ -21,6 +21,7 @@ TIME, VISITS, ELAPSED = "time", "visits", "elapsed"
 
 OWN_NAMES = (TIME, VISITS, ELAPSED)
 _TINY = 1e-6  # of a tick, for rounding
+_LONG = 1e9  # [s] as good as for ever
 
 
 class Guard:
@@ -34,6 +35,7 @@ class Guard:
     Attributes:
         key: that it stands at.
         signals: names of those that it reads.
+        times: in the mode between which it can hold [s].
 
     Raises:
         BadInputError: it is no condition, or of other names.
@@ -46,6 +48,8 @@ class Guard:
         if self._condition.texts:
             raise invalid(key, text, "of signals and numbers, without texts")
         self.signals = frozenset(self._condition.names) - {*OWN_NAMES}
+        low, high = self._condition.limits().get(TIME, (0.0, math.inf))
+        self.times = max(low, 0.0), min(high, _LONG)
 
     def value_if_true(self, values: Mapping[str, float]) -> float | None:
         """The value that decided, see `Expression.deciding_value`, where the condition holds; None elsewhere.
@@ -225,8 +229,13 @@ class StateMachine(SampledBlock):
         ways += [(f"{place}.exits.{i}", exit_) for i, exit_ in enumerate(mode.exits)]
         for key, exit_ in ways:
             guard = Guard(exit_.when, f"{key}.when", list(components))
+            low, high = guard.times
+            if math.floor(high / self._tick + _TINY) < math.ceil(low / self._tick - _TINY):
+                raise invalid(f"{key}.when", exit_.when, f"true at a tick, every {self._tick:g} s")
             hold = math.ceil(exit_.hold / self._tick - _TINY)
             exits.append(_Exit(guard, self._numbers_of[exit_.to], hold))
+        if mode.timeout is not None and mode.timeout < self._tick * (1.0 - _TINY):
+            raise invalid(f"{place}.timeout", mode.timeout, f"at least a tick, {self._tick:g} s")
         grippers = np.full(len(arms), np.nan)
         for arm, state in mode.grippers.items():
             if arm not in arms:

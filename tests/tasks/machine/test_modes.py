@@ -171,10 +171,15 @@ GUARDS = {
     "time > 0.5 and abs(touch.force_z) > -1": ".*: 'abs\\(touch.force_z\\) > -1' is always true",
     "not (max(visits, time) > 0)": ".*: 'max\\(visits, time\\) > 0' is always true",
     "touch.force_z > 1 or gripper_holds.left < -0.5": ".*: 'gripper_holds.left < -0.5' is always false: must be able",
+    "touch.force_z / 0 > 2": ".*'touch.force_z / 0' has no value",
+    "touch.force_z - touch.force_z > 1": ".*is always false",
+    "reached == 0.5": ".*reached is 0 or 1: must be able to hold",
+    "touch.force_z > 2 or touch.force_z < 3": ".*: any touch.force_z is so: must not be",
+    "time > 0.501 and time < 0.503": ".*must be true at a tick, every 0.004 s",
     "holding > 2": ".*holding is 0 or 1: must be able to hold",
     "reached <= 1": ".*is always true",
     "time < 0.5": ".*is true from the first tick on: must be false there",
-    "time > 0.5 or time < 2": ".*is true from the first tick on: must be false there",
+    "time > 0.5 or time < 2": ".*: any time is so: must not be",
 }
 
 
@@ -193,6 +198,8 @@ GOOD_GUARDS = [
     "time > 0.2 + 0.1 * visits",
     "time < 0.5 and abs(touch.force_z) < 1",
     "not (touch.force_z > 0)",
+    "touch.force_z > 3 or touch.force_z < 2",
+    "touch.force_x / (1 + time) > 2",
     "2 / touch.force_z > 1 or touch.force_z ** 2 > -1 - touch.force_x",
 ]
 
@@ -209,6 +216,38 @@ def test_what_is_watched_in_every_mode_is_false_at_the_start(guard):
     ):
         check_modes(peg(), "approach", always=[exit_to("stuck", guard)])
     check_modes(peg(), "approach", always=[exit_to("stuck", f"{guard} and touch.force_z > 3")])
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "covered"),
+    [
+        ("touch.force_z > 2", "touch.force_z > 3", True),
+        ("touch.force_z > 2", "2 < touch.force_z", True),
+        ("touch.force_z > 2", "touch.force_z > 4 and time > 0.3", True),
+        ("touch.force_z > 2", "touch.force_z > 1", False),
+        ("touch.force_z > 2 and time > 0.3", "touch.force_z > 3", False),
+        ("touch.force_z > 2", "touch.force_x > 3", False),
+        ("touch.force_z > 2 or time > 0.3", "touch.force_z > 3", False),
+        ("touch.force_z != 2", "touch.force_z > 3", False),
+    ],
+)
+def test_a_guard_that_one_before_it_covers_is_refused(first, second, covered):
+    modes = changed("stopping", exits=[exit_to("compliant", first), exit_to("opening", second)])(peg())
+    if not covered:
+        check_modes(modes, "approach")
+        return
+    with pytest.raises(
+        BadInputError, match=r"^modes\.stopping\.exits\.1\.when = .*another guard than that of 0, which co"
+    ):
+        check_modes(modes, "approach")
+    modes["stopping"].exits[0].hold = 0.1  # the second one may be sooner
+    check_modes(modes, "approach")
+
+
+def test_a_timeout_lasts_a_tick():
+    quick = changed("stopping", timeout=0.001)(peg())
+    with pytest.raises(BadInputError, match=r"^modes\.stopping\.timeout = 0\.001: must be at least a tick, 0\.004 s"):
+        StateMachine(quick, start="approach", signals=PEG_SIGNALS, arms=("left", "right"))
 
 
 def test_what_is_watched_in_every_mode_holds_within_one():

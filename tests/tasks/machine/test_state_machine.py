@@ -220,7 +220,7 @@ def test_a_guard_without_a_value_does_not_hold(guard):
 def test_a_task_is_tried_again_so_many_times():
     modes = {
         "attempt": mode(exit_to("failed", "visits > 3"), exit_to("again", "time > 0.01"), timeout=1.0),
-        "again": mode(exit_to("attempt", "time > 0.01"), exit_to("done", "time > 1"), timeout=2.0),
+        "again": mode(exit_to("attempt", "time > 0.01"), exit_to("done", "visits > 9"), timeout=2.0),
         "done": end("success"),
         "failed": end("failure", "three attempts were not enough"),
     }

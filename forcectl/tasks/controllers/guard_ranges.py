@@ -1,0 +1,82 @@
+"""Which values of signals guards of a `!TaskMachine` may wait for: what no run shows is a wrong unit or a slip."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from forcectl.conventions import WRENCH_PARTS
+from forcectl.plant.plant_model import PlantModel
+from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.reactive_motion import MotionLimitsConfig
+
+_MORE = 2.0  # times the largest wrench that the motors hold in the start posture: other postures hold more
+_FASTER = 3.0  # times the speed that the references may have: constraints move arms, too
+
+Ranges = dict[str, tuple[float, float]]
+
+
+def wrench_ranges(model: PlantModel, tasks: Mapping[str, ArmTask]) -> tuple[Ranges, str]:
+    """Ranges of the wrenches on the tasks, `touch_force.torque_x`, and why, see `check_able`."""
+    torque, force = _MORE * _largest_wrench(model)
+    found: Ranges = {}
+    for name, task in tasks.items():
+        about = torque + force * _lever(task)
+        each = {part: force if part.startswith("force") else about for part in WRENCH_PARTS}
+        found |= {f"{name}_force.{part}": (-most, most) for part, most in each.items()}
+    return found, f"the motors hold far less than {force:.4g} N and {torque:.4g} Nm"
+
+
+def speed_ranges(modes: Sequence[Any], tasks: Mapping[str, ArmTask], limits: MotionLimitsConfig) -> Ranges:
+    """Ranges of the speeds of the coordinates that tasks follow in every mode, `touch.speed_z`, see `check_able`.
+
+    Args:
+        modes: `TaskModeConfig`.
+        tasks: by name.
+        limits: of modes that have none of their own.
+    """
+    found: Ranges = {}
+    for name, task in tasks.items():
+        if any(mode.tasks and name not in mode.tasks for mode in modes):
+            continue
+        for i, coordinate in enumerate(task.coordinates):
+            fastest = max(
+                (mode.motion_limits or limits).of([task]).velocity[i]
+                + _beside(mode.references.get(name, {}).get(coordinate))
+                for mode in modes
+            )
+            found[f"{name}.speed_{coordinate}"] = -_FASTER * fastest, _FASTER * fastest
+    return found
+
+
+def _beside(reference: Any) -> float:
+    """How much faster than its limits a coordinate may be, by giving way and by a swing [m/s or rad/s]."""
+    if reference is None:
+        return 0.0
+    yielding = max(map(abs, reference.speed_limit), default=math.inf) if reference.comply else 0.0
+    swing = reference.swing
+    if swing is None:
+        return yielding
+    return math.inf if swing.growth else yielding + 2 * math.pi * swing.frequency * swing.amplitude
+
+
+def _largest_wrench(model: PlantModel) -> np.ndarray:
+    """Bounds on torque [Nm] and force [N] that any arm holds in the start posture; infinite where it is singular."""
+    robot = model.known_robot()
+    context, largest = robot.context_at(model.start), np.zeros(2)
+    for arm in robot.parts.arms.values():
+        across = robot.jacobian_of(context, arm.tcp_frame)[:, arm.joints].T  # torque = J^T wrench
+        if np.linalg.matrix_rank(across) < len(WRENCH_PARTS):
+            return np.full(2, np.inf)
+        wrench = np.abs(np.linalg.pinv(across)) @ robot.limits.torque[arm.joints]
+        largest = np.maximum(largest, np.linalg.norm(wrench.reshape(2, 3), axis=1))
+    return largest
+
+
+def _lever(task: ArmTask) -> float:
+    """How far from a TCP the force on a task acts at most [m]."""
+    frames = (task.frame, getattr(task, "leader_frame", None))
+    return sum(float(np.linalg.norm(frame.position)) for frame in frames if frame is not None)
