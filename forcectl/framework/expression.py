@@ -138,10 +138,9 @@ class Expression:
     def covers(self, other: Expression) -> bool:
         """Whether this condition surely holds wherever another one does: its limits are all that it says."""
         limits, others = self.limits(), other.limits()
-        if not limits or sum(map(_plain, _joined(self._tree))) < len(list(_parts_of_condition(self._tree))):
-            return False
+        whole = bool(limits) and sum(map(_plain, _joined(self._tree))) == len(list(_parts_of_condition(self._tree)))
         pairs = [(limits[side], others.get(side, _ANY)) for side in limits]
-        return all(low <= least and most <= high for (low, high), (least, most) in pairs)
+        return whole and all(low <= least and most <= high for (low, high), (least, most) in pairs)
 
     def _limits(self, tree: ast.expr) -> dict[str, tuple[float, float]]:
         found: dict[str, tuple[float, float]] = {}
@@ -311,10 +310,9 @@ def _plain(part: ast.Compare) -> bool:
 def _denied(node: ast.expr) -> ast.expr:
     """What holds where none of the comparisons that `or` joins does; of other conditions nothing that has limits."""
     parts = node.values if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.Or) else []
-    plain = [(a, type(a.ops[0])) for a in parts if isinstance(a, ast.Compare) and _plain(a)]
-    return ast.BoolOp(
-        ast.And(), [ast.Compare(a.left, [_OPPOSITE.get(b, ast.NotEq)()], a.comparators) for a, b in plain]
-    )
+    plain = [part for part in parts if isinstance(part, ast.Compare) and _plain(part)]
+    turned = [ast.Compare(one.left, [_OPPOSITE.get(type(one.ops[0]), ast.NotEq)()], one.comparators) for one in plain]
+    return ast.BoolOp(ast.And(), [*turned])
 
 
 def _held(op: type, number: float, mirrored: bool) -> tuple[float, float]:

@@ -76,9 +76,7 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
     Raises:
         BadInputError: about the key, from `modes`, `start`, `on_bad_signal` or `always` on.
     """
-    for name in modes:
-        if not (isinstance(name, str) and name.isidentifier()):
-            raise invalid("modes", name, "named by letters, digits and _, not beginning with a digit")
+    _check_kinds(modes, always)
     _check_mode("start", start, modes)
     if modes[start].end:
         raise BadInputError(" is that of the start: must be no end", key=f"modes.{start}")
@@ -174,6 +172,29 @@ def machine_chart(
 
 def _label(exit_: ExitConfig) -> str:
     return exit_.when + (f" for {exit_.hold:g} s" if exit_.hold else "")
+
+
+def _check_kinds(modes: Modes, always: Sequence[ExitConfig]) -> None:
+    """Whoever makes a machine in Python may give anything, and change a configuration after it was checked."""
+    if not isinstance(modes, Mapping):
+        raise invalid("modes", modes, "modes by name")
+    exits = {f"always.{i}": exit_ for i, exit_ in enumerate(always)}
+    for name, mode in modes.items():
+        if not (isinstance(name, str) and name.isidentifier()):
+            raise invalid("modes", name, "named by letters, digits and _, not beginning with a digit")
+        _check_again(f"modes.{name}", mode, MachineModeConfig)
+        exits |= {f"modes.{name}.exits.{i}": exit_ for i, exit_ in enumerate(mode.exits)}
+    for place, exit_ in exits.items():
+        _check_again(place, exit_, ExitConfig)
+
+
+def _check_again(place: str, config: Config, kind: type[Config]) -> None:
+    if not isinstance(config, kind):
+        raise invalid(place, config, f"a {kind.__name__}")
+    try:
+        config.__post_init__()
+    except BadInputError as error:
+        raise error.at(f"{place}.{error.key}") from None
 
 
 def _check_mode(key: str, name: str, modes: Modes) -> None:

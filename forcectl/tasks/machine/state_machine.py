@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.batch import check
 from forcectl.framework.expression import Expression
 from forcectl.framework.sampled_block import Memory, SampledBlock
@@ -302,7 +302,18 @@ class StateMachine(SampledBlock):
 def _components(signals: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, int]]:
     """Name in guards -> input and place in it, of every component."""
     found: dict[str, tuple[str, int]] = {}
+    if not isinstance(signals, Mapping):
+        raise invalid("signals", signals, "names of components by name of the input")
     for port, names in signals.items():
+        if not (isinstance(port, str) and port.isidentifier()):
+            raise invalid("signals", port, "named by letters, digits and _, not beginning with a digit")
+        if (
+            isinstance(names, str)
+            or not names
+            or not all(isinstance(name, str) and name.isidentifier() for name in names)
+        ):
+            raise invalid(f"signals.{port}", names, "a list of one name or more, of letters, digits and _")
+        check_distinct(f"signals.{port}", names)
         for i, name in enumerate(names):
             found[port if len(names) == 1 else f"{port}.{name}"] = port, i
     for name in OWN_NAMES:

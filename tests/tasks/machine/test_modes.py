@@ -296,3 +296,54 @@ def test_the_chart_of_a_machine():
     assert {mode.name: mode.end for mode in chart.modes if mode.end} == {
         "locked": "success", "failed": "failure", "no_reading": "failure"
     }  # fmt: skip
+
+
+def exits_set(**changes):
+    """The first exit of a mode, changed after it was made."""
+
+    def change(modes):
+        for name, value in changes.items():
+            setattr(modes["stopping"].exits[0], name, value)
+        return modes
+
+    return change
+
+
+def late(name, value):
+    def change(modes):
+        setattr(modes["stopping"], name, value)
+        return modes
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda modes: [*modes.values()], r"modes = .*: must be modes by name"),
+        (lambda modes: modes | {"stuck": None}, r"modes\.stuck = None: must be a MachineModeConfig"),
+        (lambda modes: modes | {"stuck": {"end": "failure"}}, r"modes\.stuck = .*: must be a MachineModeConfig"),
+        (late("timeout", "5"), r"modes\.stopping\.timeout = '5': must be a finite number"),
+        (late("timeout", True), r"modes\.stopping\.timeout = True: must be a finite number"),
+        (exits_set(hold=float("nan")), r"modes\.stopping\.exits\.0\.hold = nan: must be"),
+        (late("exits", [{"when": "time > 1", "to": "compliant"}]), r"modes\.stopping\.exits"),
+    ],
+)
+def test_what_is_no_mode_is_refused(change, message):
+    with pytest.raises(BadInputError, match=f"^{message}") as error:
+        check_modes(change(peg()), "approach")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("signals", "message"),
+    [
+        ({"touch": "force_z"}, r"signals\.touch = 'force_z': must be a list of one name or more"),
+        ({"touch": ()}, r"signals\.touch = \(\): must be a list of one name or more"),
+        ({"touch": ("force_z", "force_z")}, r"signals\.touch\.1 = 'force_z': must be another one"),
+        ({"a b": ("x",)}, r"signals = 'a b': must be named by letters"),
+    ],
+)
+def test_what_is_no_signal_is_refused(signals, message):
+    with pytest.raises(BadInputError, match=f"^{message}"):
+        StateMachine(peg(), start="approach", signals=PEG_SIGNALS | signals, arms=("left", "right"))
