@@ -22,7 +22,7 @@ class KeyWords(NamedTuple):
     """One key in words.
 
     Attributes:
-        key: with dots; those of the first entry of a list stand for all.
+        key: with dots; those of the first entry of a list stand for all, and <name> for any name.
         kind: what a value is.
         unit: "" for none.
         allowed: bounds or choices; "" for any value.
@@ -67,10 +67,12 @@ def keys_of(cls: type, prefix: str = "") -> list[KeyWords]:
 
 
 def part_of(kind: Any) -> tuple[type | None, str]:
-    """The configuration within a type, None for none, and the key of the first one below: "0" in a list."""
+    """The configuration within a type, None for none, and the key of one below: 0 in a list, <name> in a mapping."""
+    below: dict[Any, str] = {list: "0", dict: "<name>"}
     for each in members(kind):
-        if typing.get_origin(each) is list:
-            return part_of(typing.get_args(each)[0])[0], "0"
+        if begin := below.get(typing.get_origin(each)):
+            inner, place = part_of(typing.get_args(each)[-1])
+            return inner, f"{begin}.{place}".removesuffix(".")
         if isinstance(each, type) and dataclasses.is_dataclass(each):
             return each, ""
     return None, ""
@@ -84,6 +86,8 @@ def kind_words(declared: Key, kind: Any) -> str:
     inner, place = part_of(kind)
     if inner is None:
         return describe(kind)
+    if place.startswith("<"):
+        return f"names, each with {place.count('.') * 'names, each with '}a mapping"
     return "a list, each a mapping" if place else "a mapping or null" if type(None) in members(kind) else "a mapping"
 
 

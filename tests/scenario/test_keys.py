@@ -28,6 +28,7 @@ class Own(Config):
     part: Inner = key(Inner, "one")
     other: Inner | None = key(None)
     several: list[Inner] = key([], "more")
+    by_name: dict[str, dict[str, Inner]] = key({}, "many")
     law: object = slot("reference", load_object(SLOTS["reference"]["Step"]), "filled")
     named: dict[str, object] = slot("reference", dict, meaning="by name")
     listed: list[object] = slot("reference", list)
@@ -48,6 +49,8 @@ def test_every_key_is_told_in_words():
         KeyWords("other.width", "a number", "m", "positive, from 1e-09 to 100 m", "2.5", "of it"),
         KeyWords("several", "a list, each a mapping", "", "", "[]", "more"),
         KeyWords("several.0.width", "a number", "m", "positive, from 1e-09 to 100 m", "2.5", "of it"),
+        KeyWords("by_name", "names, each with names, each with a mapping", "", "", "{}", "many"),
+        KeyWords("by_name.<name>.<name>.width", "a number", "m", "positive, from 1e-09 to 100 m", "2.5", "of it"),
         KeyWords("law", "a part of the slot reference", "", "", "!Step", "filled"),
         KeyWords("named", "names, each with a part of the slot reference", "", "", "{}", "by name"),
         KeyWords("listed", "a list of parts of the slot reference", "", "", "[]", ""),
