@@ -139,13 +139,17 @@ def _work(pipe: Connection) -> None:
     """What a process does: tasks, until nobody asks for any."""
     end_with_parent()
     scale = 1 if sys.platform == "darwin" else 1024
-    with contextlib.suppress(EOFError, OSError):  # nobody is there any more
+    try:
         job, arguments = pipe.recv()
         while True:
             task = pipe.recv()
             pipe.send(_BEGUN)
             result = job(*arguments, task)
             pipe.send((result, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * scale))
+    except (EOFError, OSError):  # nobody is there any more
+        pass
+    except KeyboardInterrupt:  # a signal to the whole group: the one that started this process says it
+        sys.exit(1)
 
 
 @contextlib.contextmanager

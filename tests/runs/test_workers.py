@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from contextlib import closing
+from multiprocessing import Pipe
 
-from forcectl.runs.workers import Workers
+import pytest
+
+from forcectl.runs.workers import Workers, _work
 
 
 def test_they_take_no_module_from_the_working_directory(tmp_path, monkeypatch):
@@ -18,3 +21,16 @@ def test_they_take_no_module_from_the_working_directory(tmp_path, monkeypatch):
             pass
     assert ended[0].result == 2.0
     assert not (tmp_path / "it_ran").exists()
+
+
+def stopped(task):
+    raise KeyboardInterrupt
+
+
+def test_one_that_a_signal_stops_ends_without_a_traceback():
+    here, there = Pipe()
+    here.send((stopped, ()))
+    here.send("task")
+    with pytest.raises(SystemExit) as ended:
+        _work(there)
+    assert ended.value.code == 1
