@@ -44,7 +44,8 @@ LOOP_METRICS: dict[str, Metric] = {
     "reversals_at_rest_1_s": Metric(
         "1/s",
         "most reversals of a joint of the reference at rest within a second",
-        "changes of the sign of q''_ref within a second, while q_ref stays within 2 mrad for 0.2 s",
+        "changes of the sign of q''_ref within a second, where |q''_ref| >= 0.1 rad/s^2, while q_ref stays within "
+        "2 mrad for 0.2 s",
     ),
     "torque_share": Metric(
         "1",
