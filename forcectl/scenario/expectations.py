@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from forcectl.analysis.force_targets import Allowed
-from forcectl.analysis.tables.metric_tables import METRICS, PAIR_METRICS, is_metric, is_never_negative, metric_unit
-from forcectl.analysis.tables.motion_tables import MOTION_METRICS
-from forcectl.errors import BadInputError, check_distinct, invalid, unknown
+from forcectl.analysis.tables.metric_tables import (
+    PAIR_METRICS,
+    is_metric,
+    is_never_negative,
+    metric_unit,
+    unknown_metric,
+)
+from forcectl.errors import BadInputError, check_distinct, invalid
 from forcectl.framework.fields import Config, key
 
 Metrics = Mapping[str, float | None]
-_NAMED = 12  # metrics in a message
 # (variant, other variant, share of the last step) -> `force_distance_N`
 Distance = Callable[[str, str, float], float | None]
 
@@ -333,9 +336,4 @@ def tolerance_text(expectation: Expectation) -> str:
 
 def _check_metric(name: str) -> None:
     if not is_metric(name):
-        # All of them would fill a page: those that look most like it.
-        names = sorted({*METRICS, *MOTION_METRICS})
-        near = difflib.get_close_matches(name, names, n=_NAMED, cutoff=0.0)
-        raise BadInputError(
-            f" = {name!r}: {unknown('metric', name, near)} and {len(names) - len(near)} more", key="metric"
-        )
+        raise BadInputError(f" = {name!r}: {unknown_metric(name)}", key="metric")

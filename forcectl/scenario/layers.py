@@ -123,11 +123,12 @@ class Layers:
         for each in self._overridden:  # of it, of what is around it, or of something in it; a whole slot is the file's
             if parts[: len(each)] == each or (len(parts) > 1 and each[: len(parts)] == parts):
                 return "override"
-        for layers in (self._layers[1:-1], self._layers[-1:]):  # an override of something beside it comes last
-            for length in range(len(parts), 0, -1):
-                for where, tree in reversed(layers):  # a default stands where the part around it does
-                    if _holds(tree, parts[:length]):
-                        return where(key)
+        given, forced = self._layers[1:-1], self._layers[-1:]
+        for length in range(len(parts), 0, -1):
+            # An override of something beside it comes last, unless only it makes the part around both.
+            for where, tree in (*reversed(given), *forced):  # a default stands where the part around it does
+                if _holds(tree, parts[:length]):
+                    return where(key)
         return self._file.where(key) if self._variant is None else self._file.where(*self._variant)
 
     def check_gone(self, tree: Tagged) -> None:

@@ -8,13 +8,14 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from forcectl.analysis.tables.metric_tables import unknown_metric
 from forcectl.errors import RunFailedError
 from forcectl.runs.claims.lock import StorageError
 from forcectl.sweeps.agenda import Agenda
 from forcectl.sweeps.batches import Task
 from forcectl.sweeps.engines import Ended, Engine, Processes, Sequential
 from forcectl.sweeps.results import Results, Row
-from forcectl.sweeps.study import Study
+from forcectl.sweeps.study import Study, unknown_metrics
 from forcectl.sweeps.trial import cost, row_of, timeout_reason
 
 DEATHS = 3  # of the process of a trial, after which it is lost
@@ -89,6 +90,10 @@ class SweepRun:
         self._deaths: dict[int, int] = {}
         self._lost: set[int] = set()
         self._failed = sum(row["state"] == "failed" for row in rows.values())
+        self._unseen = unknown_metrics(study.config)
+        self._seen: dict[str, set[str]] = {}  # metrics by arm, while there are unseen ones
+        for row in rows.values():
+            self._see(row)
 
     def all(self, engine: Engine) -> None:
         """Run what is to be run."""
@@ -172,10 +177,22 @@ class SweepRun:
     def _take(self, row: Row) -> None:
         self._rows[row["trial"]] = row
         self._agenda.finish(row)
+        self._see(row)
         if row["state"] == "failed":
             self._failed += 1
             if self._fail_fast:
                 raise RunFailedError(f"trial {row['trial']} failed: {row['reason']}")
+
+    def _see(self, row: Row) -> None:
+        """BadInputError for a metric that is asked for and that no first trial of any arm has."""
+        if not self._unseen or row["state"] != "done":
+            return
+        self._seen.setdefault(self._study.trial(row["trial"]).arm, {*row["metrics"]})
+        known = {name for names in self._seen.values() for name in names}
+        self._unseen = {key: name for key, name in self._unseen.items() if name not in known}
+        if self._unseen and len(self._seen) == len(self._study.arms):
+            key, name = self._unseen.popitem()
+            raise unknown_metric(name, known).at(key)
 
     def tell(self) -> None:
         """Say how far the sweep is."""

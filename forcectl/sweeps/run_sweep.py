@@ -28,7 +28,7 @@ from forcectl.sweeps.results import (
     identity_of,
     is_copy,
 )
-from forcectl.sweeps.study import Study, study_of
+from forcectl.sweeps.study import Study, at_lines, study_of
 from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, read_sweep
 from forcectl.sweeps.table import COSTS, PLAN, TRIALS, costs_table, plan_table, trials_table, write_table
 
@@ -131,12 +131,14 @@ def sweep(
                 results.set_aside(number)
                 del rows[number]
         agenda = Agenda(study, part, rows.values())
-        run = SweepRun(study, results, agenda, rows, fail_fast, trial_timeout, progress)
+        with at_lines(file):
+            run = SweepRun(study, results, agenda, rows, fail_fast, trial_timeout, progress)
         run.tell()  # from here on there is something to go on with
         if agenda.done < agenda.total:
             started = engine_of(study, results, trial_timeout, engine, workers, scheduler)
             try:
-                run.all(started)
+                with at_lines(file):
+                    run.all(started)
             except (RunFailedError, KeyboardInterrupt, BadInputError):
                 with contextlib.suppress(StorageError):  # what stopped the sweep is told, not what follows from it
                     write_tables(study, results, agenda, rows)

@@ -6,11 +6,13 @@ there is to know of a trial.
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import itertools
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 import forcectl
-from forcectl.analysis.tables.metric_tables import METRICS, is_metric, metric_range
+from forcectl.analysis.tables.metric_tables import is_metric, metric_range, unknown_metric
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import dump
@@ -162,8 +164,15 @@ def study_of(sweep: SweepFile, allow_imports: Sequence[str] = ()) -> Study:
     Raises:
         BadInputError: no scenario of that name, a key that it has not, a design without points, ...
     """
-    try:
+    with at_lines(sweep):
         return _study_of(sweep, allow_imports)
+
+
+@contextmanager
+def at_lines(sweep: SweepFile) -> Iterator[None]:
+    """Errors raised within about a key of the sweep say its file and line."""
+    try:
+        yield
     except BadInputError as error:
         if error.key and not error.where:
             raise error.at(error.key, sweep.where(error.key)) from error.__cause__
@@ -293,7 +302,7 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
             scenario = resolve(study.file, study.variant, changes)
             if number < len(study.arms):
                 loop = build(scenario, origins(study.file, study.variant, changes))
-                own_metrics = own_metrics or bool(scenario.analyses)
+                own_metrics = own_metrics or any(map(_is_own, scenario.analyses.values()))
                 for name in study.config.envelope:
                     if name not in loop.signals:
                         raise unknown("signal", name, loop.signals).at("envelope")
@@ -302,28 +311,41 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
     _check_metrics(study.config, own_metrics)
 
 
+def _is_own(analysis: Any) -> bool:
+    """Whether an analysis is of a class of the user's, whose metrics are known once there is a log."""
+    return not type(analysis).__module__.startswith("forcectl.")
+
+
+def unknown_metrics(config: SweepConfig) -> dict[str, str]:
+    """Metrics that the sweep asks for, by key, that no run has by itself: they must be those of a user's analysis."""
+    asked = [(key, name) for key, condition in _conditions(config) for name in condition.names]
+    if config.worst is not None:
+        asked.append(("worst.metric", config.worst.metric))
+    if config.share_over is not None:
+        asked.append(("share_over.metric", config.share_over.metric))
+    asked += [(f"shown.{i}", name) for i, name in enumerate(config.shown)]
+    return {key: name for key, name in reversed(asked) if not is_metric(name)}
+
+
+def _conditions(config: SweepConfig) -> list[tuple[str, Expression]]:
+    """The conditions on metrics, with their keys."""
+    asked = {"success": config.success} | {f"findings.{name}": text for name, text in config.findings.items()}
+    asked |= {"share_over.condition": config.share_over.condition} if config.share_over is not None else {}
+    return [(key, Expression(text, key)) for key, text in asked.items() if text]
+
+
 def _check_metrics(config: SweepConfig, own: bool) -> None:
     """BadInputError for conditions that are settled, and for the name of a metric that no run has.
 
-    That a metric is not negative may be asked for: it is so where there is one.
+    That a metric is not negative may be asked for: it is so where there is one. Of a scenario with an analysis of the
+    user's, `own`, names are looked at with the first trials, see `SweepRun`.
     """
-    asked = {"success": config.success} | {f"findings.{name}": text for name, text in config.findings.items()}
-    asked |= {"share_over.condition": config.share_over.condition} if config.share_over is not None else {}
-    conditions = [(key, Expression(text, key)) for key, text in asked.items() if text]
-    for _, condition in conditions:
+    for _, condition in _conditions(config):
         ranges = {name: metric_range(name) for name in condition.names}
         condition.check_open({name: each for name, each in ranges.items() if each[1] < math.inf}, ranges)
-    if own:
-        return
-    names = [(key, name) for key, condition in conditions for name in condition.names]
-    if config.worst is not None:
-        names.append(("worst.metric", config.worst.metric))
-    if config.share_over is not None:
-        names.append(("share_over.metric", config.share_over.metric))
-    names += [(f"shown.{i}", name) for i, name in enumerate(config.shown)]
-    for key, name in names:
-        if not is_metric(name):
-            raise unknown("metric", name, METRICS).at(key)
+    if not own:
+        for key, name in reversed(unknown_metrics(config).items()):
+            raise unknown_metric(name).at(key)
 
 
 def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) -> BadInputError:
@@ -341,4 +363,21 @@ def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) 
             # Of a key that there is not, the error names the first part that is wrong.
             if overlap(error.key, key):
                 return error.at(error.key, sweep.where(f"{place}.{key}") or f"{place}.{key}")
-    return error
+    # What is missing beside a key that makes the part around both.
+    depth, at, key = max((_shared(error.key, key), f"{place}.{key}", key) for place, keys in places for key in keys)
+    made = BadInputError(f"{error.at(error.key)}{_meant(study.file.tree, key.split('.')[:depth])}")
+    return made.at(at, sweep.where(at))
+
+
+def _shared(one: str, other: str) -> int:
+    """How many parts two dotted keys have in common from the first one on."""
+    same = (a == b for a, b in zip(one.split("."), other.split("."), strict=False))
+    return sum(itertools.takewhile(bool, same))
+
+
+def _meant(tree: Any, parts: Sequence[str]) -> str:
+    """The name in the scenario that looks like the last part, for a message; "" where it has none."""
+    for part in parts[:-1]:
+        tree = tree.get(part) if isinstance(tree, Mapping) else None
+    near = difflib.get_close_matches(parts[-1], tree, n=1) if isinstance(tree, Mapping) and parts else []
+    return f"; did you mean {near[0]!r} by {parts[-1]!r}?" if near and near[0] != parts[-1] else ""

@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from forcectl.errors import BadInputError
 from forcectl.sweeps.agenda import Agenda
 from forcectl.sweeps.at_work import DEATHS, SweepRun
 from forcectl.sweeps.engines import Ended
@@ -62,3 +63,26 @@ def test_a_cancelled_trial_is_lost_only_when_it_had_begun_three_times(cancelled,
     assert sorted(rows) == [n for n in range(8) if n != 3 or not lost]
     marks = [json.loads(path.read_text())["reason"] for path in results.folder.glob("running/*/*.json")]
     assert marks == ["the workers that had it died, 3 times"] * lost
+
+
+def test_a_metric_that_the_first_trials_of_all_arms_do_not_have_is_refused(tmp_path):
+    """Of a user's analysis the metrics are known with the first log."""
+    found = study_of(read_sweep(small(success="mine == 1", overrides=OWN)))
+    begin(found, tmp_path / "out", (0, 1))
+    results = Results(tmp_path / "out", found.digest())
+    run = SweepRun(found, results, Agenda(found, (0, 1), []), {}, False, None, None)
+    row = {"state": "done", "metrics": {"mire": 1.0, "overshoot_pct": 2.0}}
+    run._see(row | {"trial": 0})
+    with pytest.raises(BadInputError, match="success: unknown metric 'mine': did you mean 'mire'"):
+        run._see(row | {"trial": 1})
+
+
+class Own:
+    def metrics(self, log, setting):
+        return {"mire": 1.0}
+
+    def figures(self, log, setting, title):
+        return {}
+
+
+OWN = {"station.fidelity": "OneDimensional", "duration": 0.3, "analyses": {"own": Own()}}

@@ -142,6 +142,23 @@ def test_what_cannot_be_run_is_told_before_anything_runs(keys, message):
     assert "\n" not in str(error.value)
 
 
+MACHINE = {"scenario": "cap_rotation", "variant": "1300 N/m", "overrides": {}}
+
+
+def test_a_misspelt_metric_is_refused_beside_shipped_analyses():
+    with pytest.raises(BadInputError, match="success: unknown metric 'endet': did you mean 'ended'"):
+        study(**MACHINE, success="endet == 1")
+
+
+def test_a_misspelt_name_in_an_arm_is_told_with_arm_key_and_what_is_meant():
+    arms = {"a": {}, "b": {"controller.modes.aproach.timeout": 3.0}}
+    place = (
+        r"^(sweep: )?arms\.b\.controller\.modes\.aproach\.timeout: controller\.modes\.aproach\.on_timeout is missing"
+    )
+    with pytest.raises(BadInputError, match=place + r".*did you mean 'approach' by 'aproach'\?$"):
+        study(**MACHINE, arms=arms)
+
+
 def test_a_condition_that_is_hardly_ever_met_is_told():
     keys = {STIFFNESS: drawn("!Uniform {min: 1e3, max: 2e3}")}
     with pytest.raises(BadInputError, match=r"met by 40 points, but 0 of \d+ points meet them"):

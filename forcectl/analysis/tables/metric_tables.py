@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
+from collections.abc import Iterable
 
 from forcectl.analysis.tables import motion_tables as of_motion_loops
 from forcectl.analysis.tables.metric import NEVER_NEGATIVE, Metric
 from forcectl.analysis.tracking_metrics import TRACKING_METRICS
+from forcectl.errors import BadInputError, unknown
 
 # Those that measured and true force have both.
 _OF_BOTH: dict[str, Metric] = {
@@ -139,6 +142,8 @@ PAIR_METRICS: dict[str, Metric] = {
 }
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 
+_NAMED = 12  # in a message
+
 
 def is_metric(name: str) -> bool:
     """Whether `name` is a metric, also of a step out of several, or a surface: `left.step_2.overshoot_N`."""
@@ -147,6 +152,18 @@ def is_metric(name: str) -> bool:
         return len(front) <= 2 and last in STEP_METRICS
     of_surface = len(front) == 1 and last in METRICS and not front[0].startswith("step_")
     return name in METRICS or of_surface or of_motion_loops.is_motion_metric(name)
+
+
+def unknown_metric(name: str, known: Iterable[str] = ()) -> BadInputError:
+    """The error for the name of a metric that no run has, with those that look most like it: all would fill a page.
+
+    Args:
+        name: that was given.
+        known: names that there are; empty: those of all runs.
+    """
+    names = sorted({*known} or {*METRICS, *of_motion_loops.MOTION_METRICS})
+    near = difflib.get_close_matches(name, names, n=_NAMED, cutoff=0.0)
+    return BadInputError(f"{unknown('metric', name, near)} and {len(names) - len(near)} more")
 
 
 def metric_unit(name: str) -> str:
