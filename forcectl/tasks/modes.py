@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.conventions import Components
 from forcectl.errors import BadInputError
 from forcectl.qp.solvers import Solver
 from forcectl.robot.arms_motion import ArmsMotion
@@ -126,6 +127,12 @@ class ModeBuilder:
         program = TaskProgram(levels, criterion, constraints, self.limits.torque, Ts, self.solver, joints)
         active = np.repeat(followed, [task.size for task in self.tasks])
         return BuiltMode(constraints, program, None if active.all() else active, start)
+
+
+def cost_components(sizes: Sequence[int]) -> dict[str, Components]:
+    """Components of the costs of modes with so many levels; none where one has the criterion in another place."""
+    labels = (*(f"level_{i}" for i in range(1, sizes[0])), "criterion")
+    return {"stage_costs": Components("stage", labels)} if len(set(sizes)) == 1 else {}
 
 
 def longer(values: Vector, size: int) -> Vector:

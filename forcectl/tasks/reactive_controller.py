@@ -10,7 +10,7 @@ q, q' are the commanded motion. The trajectory generator is reset when its last 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context
 
-from forcectl.conventions import Components
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.block import scratch
@@ -35,7 +34,7 @@ from forcectl.tasks.constraints.base import Constraint, Rows, checked_limits
 from forcectl.tasks.coordinates import ArmTask, TaskState, gathered
 from forcectl.tasks.cost import Weights
 from forcectl.tasks.joint_state_monitor import JointStateMonitor, Readings
-from forcectl.tasks.modes import Mode, ModeBuilder, longer
+from forcectl.tasks.modes import Mode, ModeBuilder, cost_components, longer
 from forcectl.tasks.null_space import AnyCriterion, JointSpeed
 from forcectl.tasks.program import Posed, TaskProgram
 from forcectl.tasks.progress import Progress, TaskProgress
@@ -167,7 +166,6 @@ class ReactiveController(SampledBlock):
     """
 
     port_units = dict.fromkeys(_DIAGNOSTICS, "1") | {"slack": "", "constraint_violation": "", "reading_ok": "1"}
-    port_components: Mapping[str, str | Components] = {"reading_ok": "n"}
     keeps_start = True
     optional_inputs = ("task_acceleration_reference", "task_target", "joint_position", "joint_velocity")
 
@@ -251,13 +249,11 @@ class ReactiveController(SampledBlock):
             measured.append(self.DeclareVectorInputPort("measured_force", len(self._bands)))
         if self._has_modes:
             measured.append(self.DeclareVectorInputPort("mode", 1))
-        first = self._modes[0]
+        programs = [mode.program for mode in self._modes]
         sizes = [(mode.constraints.foreseen_size, mode.program.size, len(mode.criterion_start)) for mode in self._modes]
         self._sizes = np.max(sizes, axis=0).tolist()  # of what modes remember, each as long as the longest
         foreseen, costs, criterion = self._sizes
-        if {size for _, size, _ in sizes} == {costs}:  # else a row is a level in one mode, the criterion in another
-            labels = (*(f"level_{i}" for i in range(1, costs)), "criterion")
-            self.port_components = {**self.port_components, "stage_costs": Components("stage", labels)}
+        self.port_components = {"reading_ok": "n", **cost_components([each.size for each in programs])}
         memory = {
             "joint_position_command": start,
             "joint_velocity_command": np.zeros(n),
@@ -268,11 +264,10 @@ class ReactiveController(SampledBlock):
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
             **Progress(np.full(k, np.nan), np.inf, 0.0, 0.0, 0.0)._asdict(),
             "stage_costs": np.zeros(costs),
-            "criterion": longer(first.criterion_start, criterion),
+            "criterion": longer(self._modes[0].criterion_start, criterion),
         }
         motion = (task_start, np.zeros(k), np.zeros(k))
         kept = {f"task_{name}": value for name, value in zip(_QUANTITIES, motion, strict=True)}
-        programs = [mode.program for mode in self._modes]
         self._scratch = scratch(self, "commanded posture", self._robot.create_context)
         self._programs = scratch(self, "quadratic programs", lambda: deepcopy(programs))
         self._task_start = task_start
