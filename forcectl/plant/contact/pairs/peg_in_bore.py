@@ -51,10 +51,10 @@ _LEVERS = _levers()
 class PegInBoreConfig(Config):
     """Sizes and coefficients of a peg and a bore; the defaults are those of `models/parts`."""
 
-    bore_radius: float = key(12.85e-3, "of the bore", unit="m", bounds=_WIDE)
+    bore_radius: float = key(12.85e-3, "of the bore; that of the peg is clearance less", unit="m", bounds=_WIDE)
     chamfer: float = key(4e-3, "of the mouth, radially and along the axis", unit="m", bounds=_WIDE)
     depth: float = key(96e-3, "from the mouth to the floor", unit="m", bounds=_LONG)
-    clearance: float = key(0.5e-3, "in radius", unit="m", bounds="not negative")
+    clearance: float = key(0.5e-3, "in radius, from which the peg's follows", unit="m", bounds="not negative")
     rim_radius: float = key(18.5e-3, "outside of the bore's part", unit="m", bounds=_WIDE)
     floor_thickness: float = key(20e-3, "of the bore's part", unit="m", bounds=_LONG)
     length: float = key(110e-3, "of the peg", unit="m", bounds=_LONG)
