@@ -34,7 +34,7 @@ REFUSED = [
     ("after_end: 500", "after_end = 500.0: must be below duration = 2 s"),
     (
         "controller: !Approach {touch_speed: 1e-8}",
-        "controller.touch_speed = 1e-08: must be at least 0.0002 m/s, for the 0.002 m of step_back within the timeout",
+        "controller.touch_speed = 1e-08: must be from 1e-05 to 1",
     ),
     (
         "controller: !Hybrid {directions: {z: {law: !Integral {}, compliance: 1000}}}",

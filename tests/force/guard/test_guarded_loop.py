@@ -244,7 +244,8 @@ NO_NOISE = {"noise_std": 0.0}
 )
 def test_a_sensor_that_shows_too_little_from_the_start_ends_in_a_stop(controller, scale, maximum, sensor):
     """Without the guard the true force rises to 89, 78 and 63 N."""
-    faulty = WristForceConfig(faults=[ForceFaultConfig(kind="scale", value=scale)], **sensor)
+    kind = "scale" if scale else "value"
+    faulty = WristForceConfig(faults=[ForceFaultConfig(kind=kind, value=scale)], **sensor)
     station = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e4}, "sensors": {"force": faulty}}
     run = outcome(controller, 2.2, station=station, guard=GuardConfig(maximum_force=maximum))
     assert signal(run, "contact_force").max() < 1.3 * maximum
