@@ -36,6 +36,7 @@ from pydrake.multibody.tree import (
 from forcectl.errors import BadInputError, about, unknown
 from forcectl.plant.contact.pairs.pair_contact import PairContactPart
 from forcectl.plant.contact.part import GraspConfig, PartConfig
+from forcectl.robot.checks import principal_moments
 from forcectl.robot.model_file import ModelFile, parse_models
 from forcectl.robot.parts import RobotParts, frame_named
 
@@ -159,20 +160,14 @@ def _root(plant: MultibodyPlant, instance: ModelInstanceIndex, config: PartConfi
 
 
 def _has_inertia(body: RigidBody) -> bool:
-    return body.default_mass() > 0 and _least_moment(body) > 0
-
-
-def _least_moment(body: RigidBody) -> float:
-    """Of inertia, about the centre of mass of a body that has mass [kg m2]."""
-    inertia = body.default_spatial_inertia()
-    return float(inertia.Shift(inertia.get_com()).CalcRotationalInertia().CalcPrincipalMomentsOfInertia().min())
+    return bool(body.default_mass() > 0 and principal_moments(body).min() > 0)
 
 
 def _ring(bodies: Iterable[RigidBody]) -> SpatialInertia:
     """Of a ring between two turns of a grasp that holds these bodies."""
     heavy = [body for body in bodies if body.default_mass() > 0]
     mass = _RING_MASS * sum(body.default_mass() for body in heavy)
-    moment = _RING_INERTIA * sum(_least_moment(body) for body in heavy)
+    moment = _RING_INERTIA * sum(principal_moments(body).min() for body in heavy)
     return SpatialInertia.SolidSphereWithMass(mass, np.sqrt(2.5 * moment / mass))
 
 

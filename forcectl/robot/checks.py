@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex, RevoluteJoint, RigidBody
 
@@ -135,18 +136,18 @@ def check_weight(
         raise BadInputError(f"{parameters.model}: links that move have {mass:.3g} kg in all: must be {allowed} {where}")
     for body in moving:
         own = body.default_mass()
-        largest, least = _largest_moment(body), _DENSE * densest_moment(own)
+        largest, least = principal_moments(body).max(), _DENSE * densest_moment(own)
         if own >= _SHARE * mass and 0 < largest < least:
             wrong = f"link {body.name()!r}: largest moment of inertia = {largest:.3g} kg m2"
             allowed = f"at least {least:.2g} kg m2, for {own:.3g} kg of the {mass:.3g} kg that move"
             raise BadInputError(f"{parameters.model}: {wrong}: must be {allowed}")
 
 
-def _largest_moment(body: RigidBody) -> float:
-    """Largest principal moment of inertia of a link about its centre of mass [kg m2]."""
+def principal_moments(body: RigidBody) -> NDArray[np.float64]:
+    """Of the inertia of a body that has mass, about its centre of mass, shape (3,) [kg m2]."""
     inertia = body.default_spatial_inertia()
-    about_com = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
-    return float(about_com.CalcPrincipalMomentsOfInertia().max())
+    moments = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CalcPrincipalMomentsOfInertia()
+    return np.asarray(moments)
 
 
 def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuator]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Iterable
@@ -162,8 +161,7 @@ def unknown_metric(name: str, known: Iterable[str] = ()) -> BadInputError:
         known: names that there are; empty: those of all runs.
     """
     names = sorted({*known} or {*METRICS, *of_motion_loops.MOTION_METRICS})
-    near = difflib.get_close_matches(name, names, n=_NAMED, cutoff=0.0)
-    return BadInputError(f"{unknown('metric', name, near)} and {len(names) - len(near)} more")
+    return unknown("metric", name, names, _NAMED)
 
 
 def metric_unit(name: str) -> str:

@@ -178,25 +178,24 @@ class TaskMachineConfig(TaskControllerConfig):
 
     def _check_forces(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
         """No guard waits for a wrench far beyond what the motors hold, nor for a speed beyond what references have."""
-        of_speeds = speed_ranges([*self.modes.values()], tasks, self.motion_limits)
-        for name, mode in self.modes.items():
-            check_able(f"modes.{name}.exits", mode.exits, of_speeds, _SLOWER)
-        check_able("always", self.always, of_speeds, _SLOWER)
-        ranges, because = wrench_ranges(model, tasks)
-        for name, mode in self.modes.items():
-            check_able(f"modes.{name}.exits", mode.exits, ranges, because)
-        check_able("always", self.always, ranges, because)
+        self._check_guards(speed_ranges([*self.modes.values()], tasks, self.motion_limits), _SLOWER)
+        self._check_guards(*wrench_ranges(model, tasks))
 
     def _check_places(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
         """No coordinate is sent, or waited for, far beyond the arms, nor turned further than an orientation can be."""
         spaces = {name: task_space(model.known_robot(), task, model.start) for name, task in tasks.items()}
         ranges = {f"{name}.{each}": span for name, space in spaces.items() for each, span in space.items()}
+        self._check_guards(ranges, _BEYOND_ARMS)
         for mode, said in self.modes.items():
-            check_able(f"modes.{mode}.exits", said.exits, ranges, _BEYOND_ARMS)
             for name, references in said.references.items():
                 for coordinate, one in references.items():
                     _check_reference(f"modes.{mode}.references.{name}.{coordinate}", one, spaces[name], coordinate)
-        check_able("always", self.always, ranges, _BEYOND_ARMS)
+
+    def _check_guards(self, ranges: Mapping[str, tuple[float, float]], because: str) -> None:
+        """Guards wait for values within these ranges, see `check_able`."""
+        for name, mode in self.modes.items():
+            check_able(f"modes.{name}.exits", mode.exits, ranges, because)
+        check_able("always", self.always, ranges, because)
 
 
 def _check_reference(
