@@ -9,11 +9,13 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from forcectl.graph.layout.rows import Columns, Crossing, End, Item, Point, Turn
+from forcectl.graph.layout.shapes import PORT_PITCH
 
 TRACK = 11.0  # between upright tracks
 LANE = 13.0  # between the wires below a row
 _ENTRY = 15.0  # from the last track to a block: room for the arrow head
 _NARROW = 26.0
+_APART = 4.0  # between wires side by side, at least
 _TEXT = 16.0  # height of a text above its wire, with room
 
 
@@ -48,17 +50,31 @@ class Net:
 
 @dataclass
 class _Track:
-    """One net inside one channel: the heights at which it comes from and goes to either side."""
+    """One net inside one channel: the heights at which it comes from and goes to either side.
+
+    Attributes:
+        around: for a height on the right at which another net comes from the left as far as a later track: the height
+            at which this one keeps out of its way until `around_x`.
+    """
 
     net: int
     left: list[float] = field(default_factory=list)
     right: list[float] = field(default_factory=list)
     x: float = 0.0
+    around: dict[float, float] = field(default_factory=dict)
+    around_x: float = 0.0
 
     @property
     def span(self) -> tuple[float, float]:
         heights = self.left + self.right
         return min(heights), max(heights)
+
+    def corners(self, left: float, right: float) -> list[Point]:
+        """Of the way from a height on the left to one on the right."""
+        if right not in self.around:
+            return [(self.x, left), (self.x, right)]
+        past = self.around[right]
+        return [(self.x, left), (self.x, past), (self.around_x, past), (self.around_x, right)]
 
 
 Tracks = dict[int, _Track]  # by number of the net
@@ -110,7 +126,7 @@ def set_columns(
         texts = {n: _Text(item.place("out", port)[1], width) for n, item, port, width in starting if width}
         width = _place_tracks(list(tracks.values()), texts)
         for track in tracks.values():
-            track.x = round(x + track.x, 2)
+            track.x, track.around_x = round(x + track.x, 2), round(x + track.around_x, 2)
         x += max(_NARROW, width + _ENTRY) if tracks else 14.0
     return x, channels
 
@@ -163,7 +179,24 @@ def _place_tracks(tracks: list[_Track], texts: Mapping[int, _Text]) -> float:
         passed = [t.width for n, t in texts.items() if n == track.net or (low < t.y and t.y - _TEXT < high)]
         meets = [o.x for o in order[:index] if o.span[0] < high + 8.0 and low < o.span[1] + 8.0]
         track.x = max([6.0, *(width + 10.0 for width in passed), *(x + TRACK for x in meets)])
-    return max([6.0, *(text.width + 10.0 for text in texts.values()), *(track.x for track in order)])
+    end = max([6.0, *(text.width + 10.0 for text in texts.values()), *(track.x for track in order)])
+    return _keep_apart(order, end + TRACK) or end
+
+
+def _keep_apart(order: list[_Track], x: float) -> float:
+    """Lead wires that change places around each other, where no order of their tracks keeps them apart.
+
+    Returns: `x`, a further track, if any of them needs it; else 0.
+    """
+    taken = [y for track in order for y in (*track.left, *track.right)]
+    for number, track in enumerate(order):
+        later = [y for other in order[number + 1 :] if other.x > track.x for y in other.left]
+        for y in track.right:
+            if any(abs(y - z) < _APART for z in later):
+                steps = sorted((-PORT_PITCH / 2.0, PORT_PITCH / 2.0), key=lambda step: abs(y + step - track.left[0]))
+                free = [y + step for step in steps if all(abs(y + step - z) >= _APART for z in taken)]
+                track.around[y], track.around_x = free[0] if free else y + steps[0], x
+    return x if any(track.around for track in order) else 0.0
 
 
 def _by_preference(tracks: list[_Track], cost: dict[tuple[int, int], float]) -> list[_Track]:
@@ -202,7 +235,7 @@ def _cost(a: _Track, b: _Track) -> float:
     """What it costs to put the track of `a` left of that of `b`."""
     (a_low, a_high), (b_low, b_high) = a.span, b.span
     crossings = sum(b_low < y < b_high for y in a.right) + sum(a_low < y < a_high for y in b.left)
-    overlaps = sum(abs(y - z) < 4.0 for y in a.right for z in b.left)
+    overlaps = sum(abs(y - z) < _APART for y in a.right for z in b.left)
     return crossings + 1000.0 * overlaps
 
 
@@ -210,15 +243,17 @@ def wire_points(net: Net, number: int, target: End, channels: list[Tracks]) -> l
     """Corners of the wire from a net's source to one of its targets."""
     (source, source_port), (item, port) = net.source, target
     start, end = source.place("in" if net.enters else "out", source_port), item.place("in", port)
-    if item.rank <= source.rank:
+    if back := item.rank <= source.rank:
         last = source.rank - 1 if net.enters else source.rank
         passed = [start[1], *(net.returning[rank].y for rank in range(last, item.rank - 1, -1)), end[1]]
         through = range(last, item.rank - 2, -1)
     else:
         passed = [start[1], *(net.bends[rank].y for rank in range(source.rank + 1, item.rank)), end[1]]
         through = range(source.rank, item.rank)
-    tracks = [channels[channel][number].x for channel in through]
-    corners = [(x, y) for x, pair in zip(tracks, itertools.pairwise(passed), strict=True) for y in pair]
+    corners: list[Point] = []
+    for channel, (here, there) in zip(through, itertools.pairwise(passed), strict=True):
+        track = channels[channel][number]
+        corners += track.corners(there, here)[::-1] if back else track.corners(here, there)
     return without_repeats([start, *corners, end])
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 
 import pytest
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from forcectl.graph.export import graph
 from forcectl.graph.formats.picture import Layouter
@@ -15,6 +17,18 @@ from tests.examples.graph_diagrams import ALL, force_loop, primitive_loop, rando
 
 def picture_of(diagram, depth=None) -> Picture:
     return Layouter(graph(diagram, depth=depth)).picture()
+
+
+def permuted(order):
+    """A vector whose elements change places."""
+    builder = DiagramBuilder()
+    split = builder.AddNamedSystem("split", Demultiplexer(len(order), 1))
+    join = builder.AddNamedSystem("join", Multiplexer(len(order)))
+    for source, target in enumerate(order):
+        builder.Connect(split.get_output_port(source), join.get_input_port(target))
+    builder.ExportInput(split.get_input_port(0), "u")
+    builder.ExportOutput(join.get_output_port(0), "y")
+    return builder.Build()
 
 
 def legs(net):
@@ -32,6 +46,10 @@ PICTURES = {f"{name}-{depth}": (make, depth) for name, make in ALL.items() for d
     f"random-{seed}-{depth}": ((lambda seed=seed: random_diagram(12, seed)), depth)
     for seed in range(6)
     for depth in (1, None)
+}
+PICTURES |= {
+    "permuted-" + "".join(map(str, order)): (lambda order=order: permuted(order), None)
+    for order in [*itertools.permutations(range(3)), (5, 4, 3, 2, 1, 0), (3, 4, 0, 2, 1), (1, 2, 3, 4, 5, 0)]
 }
 
 
