@@ -10,6 +10,7 @@ from forcectl.doctor.connections import unconnected_inputs, unused_outputs
 from forcectl.doctor.delays import chain_findings, declared_findings
 from forcectl.doctor.feedthrough import undeclared_prerequisites
 from forcectl.doctor.loops import algebraic_loops
+from forcectl.doctor.repeat import not_repeatable
 from forcectl.doctor.report import Finding, Report, error, info, sort_findings
 from forcectl.doctor.timing import failed_updates, timing_findings
 from forcectl.doctor.units import mismatches
@@ -64,6 +65,7 @@ def examine(
         *refused_scheme(values, chosen),
         *non_finite_outputs(values),
         *failed_updates(values, timing),
+        *not_repeatable(values, timing),
         *timing_findings(timing.events),
         *declared_findings(values, hops),
     ]
@@ -115,14 +117,16 @@ def _delays(
         first, last = defaults[-1] if defaults and defaults[-1][0] == SENSOR else (SENSOR, COMMANDS[0])
         named = (first if sensor is None else sensor, last if command is None else command)
         ways = defaults if named in defaults else way_and_back(values.wiring, *named)
-    chains = {way: chain for way in ways if (chain := trace(values, hops, *way)) is not None}
     source, target = ways[-1] if ways else ("", "")
+    closed = len(ways) > 1 and ways[0][0] == target
+    onward = [way[1] if closed else None for way in ways[1:] + ways[:1]]
+    traced = {way: trace(values, hops, *way, after) for way, after in zip(ways, onward, strict=True)}
+    chains = {way: chain for way, chain in traced.items() if chain is not None}
     text = "no signal reaches the second port from the first"
     if (chain := chains.get((source, target))) is None and ways:
         where = f"{source} -> {target}"
         findings.append(error("no-way", where, text) if asked else info("open-loop", where, text))
     elif chain is not None and (asked or source == SENSOR):  # plant and sensor may hold as often as they like
         findings += chain_findings(values, chain, expected)
-    around = len(ways) > 1 and len(chains) == len(ways) and ways[0][0] == target
-    total = clean(sum(chain.total for chain in chains.values())) if around else None
+    total = clean(sum(chain.total for chain in chains.values())) if closed and len(chains) == len(ways) else None
     return tuple(chains.values()), total

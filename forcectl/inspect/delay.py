@@ -88,8 +88,17 @@ def _same_instant(wiring: Wiring, output: PortAddress) -> Iterator[PortAddress]:
         queue += dict.fromkeys(source for source in sources if source is not None and source not in queue)
 
 
-def trace(values: StartValues, hops: Hops, source: PortName, target: PortName) -> DelayChain | None:
+def trace(
+    values: StartValues, hops: Hops, source: PortName, target: PortName, onward: PortName | None = None
+) -> DelayChain | None:
     """The way of least delay from `source` to `target`, or None when there is no way.
+
+    Args:
+        values: of the diagram at its start.
+        hops: of the diagram.
+        source: the first port.
+        target: the last port.
+        onward: the port that the signal reaches next in a loop: what reads `target` on the way there counts.
 
     Raises:
         BadInputError: a name that no port has, or that several different ports have.
@@ -100,6 +109,8 @@ def trace(values: StartValues, hops: Hops, source: PortName, target: PortName) -
         return None
     stages = stages_of(values, hops, way)
     consumers = _consumers(hops, end, set())
+    if onward is not None and None in consumers.values():  # a continuous block may only stand beside the loop
+        consumers = _next_in_loop(hops, end, one_output(hops.wiring, onward)) or consumers
     continuous = any(event is None for event in consumers.values())
     events = [event for event in consumers.values() if event is not None] or _passed_at(hops, way)
     rhythm = _rhythm_of(hops, start.output) if start.output is not None else None
@@ -159,6 +170,13 @@ def _consumers(hops: Hops, output: PortAddress, seen: set[PortAddress]) -> dict[
         sooner = any(event is None or update is None or event.period < update.period for event in behind.values())
         found |= behind if sooner or update is None else {reader.system: update}
     return found
+
+
+def _next_in_loop(hops: Hops, end: PortAddress, onward: PortAddress) -> dict[str, PeriodicEvent | None]:
+    """The first block with state that reads an output on the way to `onward`, else what reads `onward`."""
+    way = hops.shortest(hops.readers.get(end, []), onward) or []
+    holding = next((hop for hop in way if hop.kind != "feedthrough"), None)
+    return _consumers(hops, onward, set()) if holding is None else {holding.block: holding.event}
 
 
 def _passed_at(hops: Hops, way: list[Hop]) -> list[PeriodicEvent]:

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import DiagramBuilder, EventStatus
-from pydrake.systems.primitives import DiscreteTimeDelay
+from pydrake.systems.primitives import DiscreteTimeDelay, LinearSystem
 
 from forcectl.doctor import examine, measure_delay
 from forcectl.force.approach import ApproachConfig, ApproachMode
@@ -190,3 +191,20 @@ def test_a_guarded_move_does_not_hide_the_delay_of_the_law_behind_it():
     assert mode.Eval(mode.get_system().GetMyContextFromRoot(context)) == ApproachMode.CONTACT
     measured = measure_delay(loop.diagram, around.source, around.target, tick=loop.period, context=context)
     assert measured == pytest.approx(around.total)
+
+
+def test_a_continuous_integral_beside_the_loop_does_not_hide_the_step_of_the_plant():
+    builder = DiagramBuilder()
+    step = 0.002
+    plant = builder.AddNamedSystem(
+        "plant", LinearSystem([[1.0, step], [0.0, 1.0]], [[0.0], [step]], np.eye(2), np.zeros((2, 1)), step)
+    )
+    pid = builder.AddNamedSystem("pid", PidController([10.0], [1.0], [1.0]))
+    builder.Connect(plant.get_output_port(), pid.get_input_port_estimated_state())
+    builder.Connect(pid.get_output_port(), plant.get_input_port())
+    builder.ExportInput(pid.get_input_port_desired_state(), "desired_state")
+    diagram = builder.Build()
+    loop = examine(diagram, sensor="plant.y0", command="pid.control")
+    assert [chain.total for chain in loop.delays] == [step, 0.0]
+    assert loop.delays[0].reader == "plant"
+    assert loop.dead_time == measure_delay(diagram, "pid.control", "plant.y0", tick=step) == step
