@@ -191,8 +191,7 @@ def build_loop(parts: LoopParts) -> Loop:
     _check_apart(makers, parts.signals)
     ports = _logged(parts, sources, station, controller, estimators) | signals.chosen
     sink, logged = add_log(builder, ports, workcell.period, components_of(ports, workcell))
-    with about(builder):
-        diagram = builder.Build()
+    diagram = builder.Build()
     diagram.set_name("loop")
     missing = [name for name in SOURCES if workcell.has_dynamics and name not in logged and station.HasOutputPort(name)]
     unlogged = {name: station.GetOutputPort(name) for name in missing}

@@ -171,8 +171,7 @@ class Assembly:
         for part, system in reversed(self._parts):  # the one that was added to what was there
             with about(part):
                 check_names(self.builder, [system])
-        with about(self.builder):
-            self.builder.BuildInto(station)
+        self.builder.BuildInto(station)
         station.port_units, station.port_components = self._units, self._components
         several = {name: names for name, names in self._sensed.items() if len(names) > 1 and name not in TRUTH}
         station.sensed_by_several = several

@@ -10,10 +10,12 @@ from typing import Any
 
 from pydrake.systems.framework import System
 
+from forcectl.doctor.loops import loop_behind
 from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.imports import Imports
 from forcectl.framework.wiring import made_by
 from forcectl.framework.yaml_tree import nest, parse
+from forcectl.inspect.names import said_type
 from forcectl.runs.entry import first_built
 from forcectl.runs.run import assumed_of
 from forcectl.scenario.code import code_in, said
@@ -141,7 +143,9 @@ def _call_for_diagram(path: str) -> System:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # whatever the user's function does
+        if (loop := loop_behind(error)) is not None:
+            raise BadInputError(f" = {path!r}: {loop.text}", key="diagram") from error
         raise BadInputError(f"{wanted}, but raised {one_line(error)}", key="diagram") from error
     if not isinstance(diagram, System):
-        raise BadInputError(f"{wanted}, not {type(diagram).__name__}", key="diagram")
+        raise BadInputError(f"{wanted}, not {said_type(diagram)}", key="diagram")
     return diagram

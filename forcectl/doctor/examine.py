@@ -19,6 +19,7 @@ from forcectl.errors import BadInputError
 from forcectl.inspect.delay import COMMANDS, SENSOR, DelayChain, trace, way_and_back, ways_around
 from forcectl.inspect.events import read_timing
 from forcectl.inspect.feedthrough import feedthrough_table
+from forcectl.inspect.names import said_type
 from forcectl.inspect.ports import PortName
 from forcectl.inspect.schedule import clean
 from forcectl.inspect.start import StartValues
@@ -54,7 +55,7 @@ def examine(
         BadInputError: `sensor` or `command` name no port, or several; `scheme` is none of Drake's.
     """
     if not isinstance(system, System):
-        raise BadInputError(f"examine() takes a Drake system, not {type(system).__name__}")
+        raise BadInputError(f"examine() takes a Drake system, not {said_type(system)}")
     chosen = scheme_name(scheme)
     wiring = Wiring(system)
     values = StartValues(wiring)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from traceback import walk_tb
+from types import TracebackType
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -54,6 +56,14 @@ def _loops(wiring: Wiring) -> Iterator[list[tuple[PortAddress, PortAddress]]]:
                 stack.append(iter(following(wire[1])))
 
 
+def _builders_at(traceback: TracebackType | None) -> Iterator[DiagramBuilder]:
+    """The builders that the functions of a traceback hold, the innermost first."""
+    frames = [frame.f_locals for frame, _ in walk_tb(traceback)]
+    for variables in reversed(frames):
+        values = [*variables.values(), *getattr(variables.get("self"), "__dict__", {}).values()]
+        yield from (value for value in values if isinstance(value, DiagramBuilder))
+
+
 def build(builder: DiagramBuilder) -> Diagram:
     """`builder.Build()`, where an algebraic loop is reported as a path.
 
@@ -64,21 +74,19 @@ def build(builder: DiagramBuilder) -> Diagram:
     try:
         return builder.Build()
     except RuntimeError as error:
-        if (loop := loop_behind(error, [builder])) is None:
+        if (loop := loop_behind(error)) is None:
             raise
         raise loop from error
 
 
-def loop_behind(error: BaseException, parts: Iterable[object]) -> BadInputError | None:
+def loop_behind(error: BaseException) -> BadInputError | None:
     """The algebraic loop, as a path, for which Drake refused a diagram; None where it refused it for another reason.
 
     Args:
-        error: of Drake.
-        parts: what was at work, among it the builder.
+        error: of Drake; the builder is among the variables of the function that called `Build()`, or of its `self`.
     """
     if "algebraic loop" not in str(error):
         return None
-    builders = [part for part in parts if isinstance(part, DiagramBuilder)]
-    loops = (loop for builder in builders for loop in algebraic_loops(Wiring(builder)))
+    loops = (loop for builder in _builders_at(error.__traceback__) for loop in algebraic_loops(Wiring(builder)))
     loop = next(loops, None)
     return None if loop is None else BadInputError(f"algebraic loop: {loop.path}; {_ADVICE}")

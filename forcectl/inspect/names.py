@@ -19,6 +19,12 @@ def type_name(system: System) -> str:
     return re.split(r"[<\[𝓣]", name)[0].strip("_")
 
 
+def said_type(value: object) -> str:
+    """Class name of what is no system of double, for a message: `Diagram of AutoDiffXd, where double is needed`."""
+    name, _, scalar = type(value).__name__.partition("_𝓣")
+    return f"{name} of {scalar[:-1]}, where double is needed" if scalar else name
+
+
 def is_automatic(name: str) -> bool:
     """Whether a system's name was not given by anybody."""
     return not name or name == "_" or bool(_AUTOMATIC.search(name))

@@ -3,8 +3,10 @@
 import re
 
 import pytest
+from pydrake.systems.primitives import Gain
 
 import forcectl as fc
+from forcectl.doctor import examine
 
 MODULE = """
 from pydrake.systems.framework import DiagramBuilder
@@ -144,3 +146,70 @@ def test_a_loop_without_a_hold_is_one_line_with_every_block_on_it(forcectl, tmp_
     path = line.partition("algebraic loop: ")[2].partition("; break it with a block that holds its output")[0]
     assert LOOPS[further] in path
     assert path.split(" -> ")[0] == path.split(" -> ")[-1]
+
+
+OWN = """
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Gain
+
+
+def ring(builder):
+    first, second = (builder.AddNamedSystem(name, Gain(1.0, 1)) for name in ("a", "b"))
+    builder.Connect(first.get_output_port(), second.get_input_port())
+    builder.Connect(second.get_output_port(), first.get_input_port())
+
+
+class Kept(Diagram):
+    def __init__(self):
+        super().__init__()
+        self.parts = DiagramBuilder()
+        ring(self.parts)
+        self.parts.BuildInto(self)
+
+
+def built():
+    builder = DiagramBuilder()
+    ring(builder)
+    return builder.Build()
+
+
+def kept():
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("inner", Kept())
+    return builder.Build()
+
+
+class Config:
+    def add_to(self, builder, model):
+        return builder.AddNamedSystem("law", built())
+"""
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    (tmp_path / "own_rings.py").write_text(OWN)
+    monkeypatch.syspath_prepend(tmp_path)
+    return "own_rings"
+
+
+@pytest.mark.parametrize("command", ["check", "graph"])
+@pytest.mark.parametrize("function", ["built", "kept"])
+def test_a_loop_that_a_build_of_the_users_refuses_is_a_path(forcectl, own, command, function):
+    code, _, err = forcectl(command, f"{own}:{function}")
+    path = f"diagram = '{own}:{function}': algebraic loop: a.y0 -> b.u0 -> b.y0 -> a.u0 -> a.y0; break it"
+    assert code == 2
+    assert err.startswith(f"error: {path}")
+
+
+def test_a_loop_inside_of_a_part_of_the_users_is_a_path(forcectl, own, tmp_path):
+    file = tmp_path / "loop.yaml"
+    file.write_text(f"station: {{fidelity: OneDimensional}}\ncontroller: !Import {{path: '{own}:Config'}}\n")
+    code, _, err = forcectl("check", file, "--allow-imports", own)
+    assert code == 2
+    assert "loop.yaml:2: controller: algebraic loop: a.y0 -> b.u0 -> b.y0 -> a.u0 -> a.y0; break it" in err
+
+
+@pytest.mark.parametrize("look", [fc.graph, examine, fc.check])
+def test_another_scalar_type_is_named(look):
+    with pytest.raises(fc.BadInputError, match="Gain of AutoDiffXd, where double is needed"):
+        look(Gain(1.0, 1).ToAutoDiffXd())
