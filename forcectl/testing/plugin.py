@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _ARTEFACTS = pytest.StashKey["Artefacts"]()
 _WRITTEN = "golden file"
+_UPDATED = pytest.StashKey["set[Path]"]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -97,6 +98,7 @@ def _golden_files(request: pytest.FixtureRequest, _artefacts: Artefacts) -> Gold
         first=parameters is None or not any(parameters.indices.values()),
         update=request.config.getoption("--update-golden"),
         artefacts=_artefacts,
+        updated=request.config.stash.setdefault(_UPDATED, set()),
         written=lambda path: request.node.user_properties.append((_WRITTEN, path)),
     )
 

@@ -98,4 +98,4 @@ def _first_difference(a: Log, b: Log) -> str | None:
     if not found:
         return None
     k, name, i = min(found, key=lambda where: where[0])
-    return f"{name}[{i}] at t = {a.time[k]:g} s: {a.values[name][k, i]!r} and {b.values[name][k, i]!r}"
+    return f"{name}[{i}] at t = {a.time[k]:g} s: {float(a.values[name][k, i])} and {float(b.values[name][k, i])}"

@@ -14,7 +14,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, InitializeParams, Sim
 from pydrake.systems.framework import Context, InputPort, OutputPort, System
 
 from forcectl.errors import BadInputError, RunFailedError, invalid, unknown
-from forcectl.inspect.names import own_name
+from forcectl.inspect.names import own_name, said_type
 from forcectl.inspect.ports import one_output, optional_inputs, unit
 from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
 from forcectl.testing.faults import Fault, FaultyPorts
@@ -89,6 +89,8 @@ def run_diagram(
         BadInputError: a port that does not exist, or a value that does not fit.
         RunFailedError: Drake refused to go on, for example with a state that is not a number.
     """
+    if not isinstance(system, System):
+        raise BadInputError(f"run_diagram() takes a Drake system, not {said_type(system)}")
     if not period > 0:
         raise invalid("period", period, "positive [s]")
     if not duration >= period:

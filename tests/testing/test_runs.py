@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pydrake.common.value import Value
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Gain, Integrator, PassThrough, ZeroOrderHold
 
 from forcectl.errors import BadInputError
@@ -68,3 +68,12 @@ def test_a_log_knows_its_names():
     log = run_diagram(Gain(1.0, 1), 0.1, period=0.1)
     with pytest.raises(BadInputError, match="unknown logged output 'y1': did you mean 'y0'"):
         log["y1"]
+
+
+@pytest.mark.parametrize(
+    ("system", "said"),
+    [(DiagramBuilder(), "DiagramBuilder"), (Gain(1.0, 1).ToAutoDiffXd(), "Gain of AutoDiffXd, where double is needed")],
+)
+def test_what_is_no_system_of_double_is_named(system, said):
+    with pytest.raises(BadInputError, match=f"takes a Drake system, not {said}"):
+        run_diagram(system, 0.1, period=0.01)

@@ -31,6 +31,7 @@ class GoldenFiles:
         update: write the files instead of comparing with them.
         artefacts: what is kept of the test in case it fails.
         written: called with the name of each file that was made or changed.
+        updated: files that tests of this session have brought up to date; a later test compares with them.
         used: files by now, which a test asks for once.
     """
 
@@ -40,6 +41,7 @@ class GoldenFiles:
     update: bool
     artefacts: Artefacts
     written: Callable[[str], object]
+    updated: set[Path]
     used: set[Path] = field(default_factory=set)
 
     def log(self, log: object, name: str, *, time: float = 0.0, value: Tolerances = None, shared: bool = False) -> None:
@@ -48,9 +50,9 @@ class GoldenFiles:
         if not time >= 0:
             raise invalid("time", time, "a tolerance, not negative [s]")
         today, path = as_log(log), self._path(name, shared, ".nc")
-        if self.update:
+        if self.update and path not in self.updated:
             tolerances(today, value)
-            if self._writes(shared) and not (path.exists() and same(read_log(path), today)):
+            if self._writes(path, shared) and not (path.exists() and same(read_log(path), today)):
                 write_log(today, path)
                 self.written(_shown(path))
             return
@@ -72,8 +74,8 @@ class GoldenFiles:
         __tracebackhide__ = True
         self.artefacts.keep_diagram(diagram)
         today, path = wiring_text(diagram, depth), self._path(name, shared, ".txt")
-        if self.update:
-            if self._writes(shared) and not (path.exists() and path.read_text(encoding="utf-8") == today):
+        if self.update and path not in self.updated:
+            if self._writes(path, shared) and not (path.exists() and path.read_text(encoding="utf-8") == today):
                 write(path, today.encode())
                 self.written(_shown(path))
             return
@@ -97,9 +99,12 @@ class GoldenFiles:
         self.used.add(path)
         return path
 
-    def _writes(self, shared: bool) -> bool:
+    def _writes(self, path: Path, shared: bool) -> bool:
         """Of a file that several tests share, the one with the first parameters writes it."""
-        return self.first or not shared
+        if shared and not self.first:
+            return False
+        self.updated.add(path)
+        return True
 
     @staticmethod
     def _must_exist(path: Path, kind: str, name: str) -> None:

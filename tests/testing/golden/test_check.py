@@ -108,6 +108,16 @@ def test_parametrised_tests_have_a_file_each_or_share_one(project):
     run(project).assert_outcomes(passed=2, failed=2)  # the file is of the first parameters
 
 
+def test_a_second_test_with_the_name_of_a_first_one_does_not_replace_its_file(project):
+    write(project, ONE.format("") + ONE.format("height=1.5").replace("test_one", "test_two"))
+    result = run(project, "--update-golden")
+    result.assert_outcomes(passed=1, failed=1)
+    assert any("golden log 'step': 1 difference, first step is 1.5" in line for line in result.stdout.lines)
+    run(project).assert_outcomes(passed=1, failed=1)
+    write(project, ONE.format("") + ONE.format("").replace("test_one", "test_two"))  # two that should give the same
+    run(project, "--update-golden").assert_outcomes(passed=2)
+
+
 def test_several_processes_write_and_read(project):
     write(project, PARAMETERS)
     options = ("-p", "forcectl.testing.plugin", "-p", "xdist", "-n", "2", "-p", "no:cacheprovider")
