@@ -154,7 +154,7 @@ _AXES = ("world", "tcp")
 
 @dataclass(kw_only=True)
 class WrenchBetweenConfig(Config):
-    """Scenario part `!WrenchBetween`: of one arm on another that it touches, of the estimated wrenches of both."""
+    """Scenario part `!WrenchBetween`: the wrench of one arm on another that it touches, of the estimates of both."""
 
     between: list[str] = key(meaning="names of two arms: of the first on the second, at its TCP", size=2)
     of: str = key("estimated_wrench", "signal of shape (6a,): wrenches at the TCPs")

@@ -26,7 +26,7 @@ from forcectl.plant.tip_kinematics import LinkPosition, TipDisplacement
 
 @dataclass(kw_only=True)
 class KinematicFidelity(Config):
-    """Scenario part `fidelity: Kinematic`."""
+    """Scenario part `fidelity: Kinematic`: joint filters, a servo along the pressed direction, forward kinematics."""
 
     has_dynamics = False
     constant_jacobian = False
@@ -47,7 +47,7 @@ class KinematicFidelity(Config):
 
 @dataclass(kw_only=True)
 class OneDimensionalFidelity(KinematicFidelity, in_batches=True):
-    """Scenario part `fidelity: OneDimensional`."""
+    """Scenario part `fidelity: OneDimensional`: joint filter, servo and one spring along the pressed direction."""
 
     constant_jacobian = True
 

@@ -53,7 +53,7 @@ Vector = NDArray[np.float64]
 
 @dataclass(kw_only=True)
 class MultibodyFidelity:
-    """Scenario part `fidelity: Multibody`."""
+    """Scenario part `fidelity: Multibody`: rigid bodies, elastic joints with drives, contact and sensors."""
 
     has_dynamics = True
     constant_jacobian = False

@@ -19,7 +19,9 @@ TIMES = (100, 200, 500, 1000)  # [ms] at which the angle is told
 
 @dataclass(kw_only=True)
 class AlignmentAnalysis(Config):
-    """Scenario part `!Alignment`: the angle of a peg in its hole, of a loop along one direction.
+    """Scenario part `!Alignment`.
+
+    The angle of a peg in its hole, of a loop along one direction.
 
     A metre of the loop stands for a radian: theta = -dx, and the interaction torque is mu = F_bar - F, so that F_bar is
     the torque at the start, K_env theta_hole.

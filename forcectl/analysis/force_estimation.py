@@ -36,7 +36,10 @@ _CONTACT_BEGINS = 0.2  # [s] of a contact that are not judged
 
 @dataclass(kw_only=True)
 class ForceAnalysis(Config):
-    """Scenario part `!ForceEstimation`: needs an estimator in the loop."""
+    """Scenario part `!ForceEstimation`.
+
+    Needs an estimator in the loop.
+    """
 
     average: float = key(0.5, "over which the last samples of a load are averaged", unit="s", bounds="positive")
     settle: float = key(0.3, "after a change of the load, that is not judged", unit="s", bounds="not negative")

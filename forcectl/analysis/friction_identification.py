@@ -25,7 +25,9 @@ _GRID = 201  # speeds at which curves are compared
 
 @dataclass(kw_only=True)
 class FrictionAnalysis(Config):
-    """Scenario part `!FrictionIdentification`: of an excitation run without loads.
+    """Scenario part `!FrictionIdentification`.
+
+    Of an excitation run without loads.
 
     It uses the exact dynamics and the readings, as `ForceEstimator` does.
     """

@@ -79,7 +79,9 @@ def decided_in_the_air(time: Array, force: Array, way: Sequence[Stay], on_contac
 
 @dataclass(kw_only=True)
 class InsertionAnalysis(Config):
-    """Scenario part `!Insertion`: of a station with a peg and a bore.
+    """Scenario part `!Insertion`.
+
+    Of a station with a peg and a bore.
 
     The scenario has one `!ContactTruth` on the peg by the bore in the frame of the mouth. The z axes of the frames of
     both parts point out of the bore when the peg is in it.

@@ -27,7 +27,9 @@ _LOCKS = 0.02  # [Nm] of true torque that the lock begins with
 
 @dataclass(kw_only=True)
 class KeptForceAnalysis(Config):
-    """Scenario part `!KeptForce`: a rotation under a force in a band, of the truth that a `!ContactTruth` has.
+    """Scenario part `!KeptForce`.
+
+    A rotation under a force in a band, of the truth that a `!ContactTruth` has.
 
     Force and torque are those along and about the z axis of its frame. Angles and speeds are of the task, as commanded.
     """

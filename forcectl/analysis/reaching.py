@@ -32,7 +32,10 @@ Array = NDArray[np.float64]
 
 @dataclass(kw_only=True)
 class ReachAnalysis(Config):
-    """Scenario part `!Reaching`: of a run of `!ReactiveReaching` to whole poses. Of another run there is nothing."""
+    """Scenario part `!Reaching`.
+
+    Of a run of `!ReactiveReaching` to whole poses. Of another run there is nothing.
+    """
 
     mass_direction: list[float] = key([0.0, 0.0, 1.0], "of the reflected mass, in W", bounds="not all zero", size=3)
     every: int = key(4, "between postures whose distances and masses are computed", unit="ticks", bounds="at least 1")

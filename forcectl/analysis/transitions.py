@@ -39,7 +39,10 @@ class Stay(NamedTuple):
 
 @dataclass(kw_only=True)
 class TransitionAnalysis(Config):
-    """Scenario part `!Transitions`: of a run with a state machine. Of another run there is nothing."""
+    """Scenario part `!Transitions`.
+
+    Of a run with a state machine. Of another run there is nothing.
+    """
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `TRANSITION_METRICS`; `begins_s` and `last_begins_s` of every mode, None of one that never began.

@@ -40,7 +40,10 @@ class _Compared(NamedTuple):
 
 @dataclass(kw_only=True)
 class WrenchErrorAnalysis(Config):
-    """Scenario part `!WrenchErrors`: needs a force estimator in the loop."""
+    """Scenario part `!WrenchErrors`.
+
+    Needs a force estimator in the loop.
+    """
 
     begin: float = key(1.5, "of the run, that is not judged", unit="s", bounds="not negative")
     threshold: float = key(0.45, "of the force along a load that counts as felt", unit="N", bounds="positive")

@@ -253,7 +253,10 @@ class AdmittanceForceLaw(PythonDiagram):
 
 @dataclass(kw_only=True)
 class AdmittanceConfig(Config):
-    """Scenario part `!Admittance`; the default is an integral law with K_I = 1.2 1/s on the springs of 5.9e3 N/m."""
+    """Scenario part `!Admittance`: the force error moves a mass with a damper.
+
+    The default is an integral law with K_I = 1.2 1/s on the springs of 5.9e3 N/m.
+    """
 
     inertia: float = key(40.0, "H of the filter", unit="kg", bounds="positive")
     damping: float = key(

@@ -172,7 +172,7 @@ class LinearForceLaw(ForceLaw):
 
 @dataclass(kw_only=True)
 class VrftConfig(Config, in_batches=True):
-    """Scenario part `!Vrft`: a controller that VRFT has tuned; the default is that of Sec. 4.3.4.
+    """Scenario part `!Vrft`: PID with a filter, or FIR, with gains that VRFT has found; the default is Sec. 4.3.4.
 
     With `gains_from` the three gains are found before the run, see `forcectl.scenario.gains`, and none is written.
     """

@@ -27,7 +27,7 @@ _SMALLEST = 1e-6  # [Nm, N] of a load
 
 @dataclass(kw_only=True)
 class LoadConfig(Config):
-    """One entry of the station's part `loads`."""
+    """Scenario part `!Load`: wrenches at a TCP or a body, held and ramped, one after the other."""
 
     arm: str = key("", "at whose TCP; empty: the first one's")
     body: str = key("", "instead: a body or frame of the robot's model, at its origin")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -138,3 +139,9 @@ def test_schema_is_printed_or_written(forcectl, tmp_path):
         "",
         "error: --out 'no/such/folder/own.json' cannot be written: No such file or directory\n",
     )
+
+
+@pytest.mark.parametrize(("slot", "tag"), [(slot, tag) for slot, tags in catalog.SLOTS.items() for tag in tags])
+def test_the_list_says_what_a_part_is_before_what_it_needs(slot, tag):
+    text = catalog.first_line(catalog.SLOTS[slot][tag])
+    assert not re.match(r"[,;:.]|(of|needs|the default|the same|starts with|One entry|Scenario part)\b", text), text

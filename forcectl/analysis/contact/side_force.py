@@ -21,7 +21,10 @@ _AT_REST = 0.1  # share of the run, its last, whose mean counts
 
 @dataclass(kw_only=True)
 class SideForceAnalysis(Config):
-    """Scenario part `!SideForce`: of a `!ContactTruth` with the second surface, from the start of the run on."""
+    """Scenario part `!SideForce`.
+
+    Of a `!ContactTruth` with the second surface, from the start of the run on.
+    """
 
     needs: ClassVar[dict[str, str]] = CONTACT_TRUTH
 

@@ -22,7 +22,10 @@ Array = NDArray[np.float64]
 
 @dataclass(kw_only=True)
 class SurfaceAlignmentAnalysis(Config):
-    """Scenario part `!SurfaceAlignment`: of one surface, with the truth that a `!ContactTruth` at the TCP has."""
+    """Scenario part `!SurfaceAlignment`.
+
+    Of one surface, with the truth that a `!ContactTruth` at the TCP has.
+    """
 
     needs: ClassVar[dict[str, str]] = CONTACT_TRUTH | REFERENCE
 

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class SurfaceFollowingAnalysis(Config):
-    """Scenario part `!SurfaceFollowing`: of one surface with `turning: true`."""
+    """Scenario part `!SurfaceFollowing`.
+
+    Of one surface with `turning: true`.
+    """
 
     needs: ClassVar[dict[str, str]] = {"surface_tilt": "a surface with turning = true"} | REFERENCE
 

@@ -21,7 +21,10 @@ _BAND = 0.05  # of the reference
 
 @dataclass(kw_only=True)
 class TouchDownAnalysis(Config):
-    """Scenario part `!TouchDown`: of a tool that `!Approach` brings to one surface."""
+    """Scenario part `!TouchDown`.
+
+    Of a tool that `!Approach` brings to one surface.
+    """
 
     needs: ClassVar[dict[str, str]] = {"approach_mode": "controller: !Approach"}
 

@@ -277,7 +277,9 @@ class GovernedForceLaw(PythonDiagram):
 
 @dataclass(kw_only=True)
 class GovernedConfig(AroundLawConfig, Config):
-    """Scenario part `!Governed`; the default is that of Sec. 4.6.3.
+    """Scenario part `!Governed`: a reference that makes a force loop of moderate bandwidth fast, by MPC.
+
+    The default is that of Sec. 4.6.3.
 
     In front of any controller of the force; one that does not state the bandwidth of its loop needs `inner_bandwidth`.
     """

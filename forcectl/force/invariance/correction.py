@@ -145,7 +145,7 @@ class InvarianceControlConfig(InvarianceLimits):
 
 @dataclass(kw_only=True)
 class AdaptiveInvarianceControlConfig(AdaptivePlanConfig, InvarianceControlConfig):
-    """Scenario part `!AdaptiveInvarianceControl`: constraint and integral law with the estimated compliance. (3.56)"""
+    """Scenario part `!AdaptiveInvarianceControl`: `!InvarianceControl`, compliance estimated on line. (3.56)"""
 
     compliance_error: float = key(
         0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="from 0.001 to 1000"

@@ -353,7 +353,7 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
 
 @dataclass(kw_only=True)
 class AdaptiveFourthDegreeInvarianceConfig(AdaptiveLawConfig, FourthDegreeInvarianceConfig):
-    """Scenario part `!AdaptiveFourthDegreeInvariance`: the same with the compliance estimated on line. (Fig. 3.10)"""
+    """Scenario part `!AdaptiveFourthDegreeInvariance`: `!FourthDegreeInvariance`, compliance estimated on line."""
 
     compliance_error: float = key(
         2 / 3, "initial C_E_hat / C_E; 1/1.5 = stiffness 50 % too high", bounds="from 0.001 to 1000", each=True

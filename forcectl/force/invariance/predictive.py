@@ -233,7 +233,7 @@ class PredictiveForceLaw(PythonDiagram):
 
 @dataclass(kw_only=True)
 class PredictiveInvarianceConfig(InvarianceConfig):
-    """Scenario part `!PredictiveInvariance`: [57] with the command corrected for surface and drive."""
+    """Scenario part `!PredictiveInvariance`: a plan from the compliance [57], corrected for surface and drive."""
 
     surface_bandwidth: float = key(4.0, "w_s of the observer of the surface", unit="1/s", bounds="not negative")
     drive_bandwidth: float = key(1.0, "w_e of the correction for friction", unit="1/s", bounds="not negative")

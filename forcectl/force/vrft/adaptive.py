@@ -80,7 +80,10 @@ class AdaptiveVrft(PythonDiagram):
 
 @dataclass(kw_only=True)
 class AdaptiveVrftConfig(VrftConfig, in_batches=True):
-    """Scenario part `!AdaptiveVrft`: starts with the gains of `!Vrft`."""
+    """Scenario part `!AdaptiveVrft`: a law tuned by VRFT that tunes itself anew while it regulates.
+
+    It starts with the gains of `!Vrft`.
+    """
 
     forgetting: float = key(0.995, "forgetting factor per sample", bounds="from 0.9 to 1", each=True)
     initial_covariance: float = key(

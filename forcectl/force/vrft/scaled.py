@@ -87,7 +87,10 @@ class ScaledVrft(PythonDiagram):
 
 @dataclass(kw_only=True)
 class ScaledVrftConfig(VrftConfig):
-    """Scenario part `!ScaledVrft`: starts with the gains of `!Vrft`; the rest as in `ExcitedCompliance`."""
+    """Scenario part `!ScaledVrft`: a law tuned by VRFT whose gains follow the compliance that is estimated on line.
+
+    It starts with the gains of `!Vrft`; the rest as in `ExcitedCompliance`.
+    """
 
     drift_bandwidth: float = key(
         3.0, "w_h: slower changes of height and compliance of the robot drop out", unit="rad/s", bounds="positive"

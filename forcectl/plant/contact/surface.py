@@ -231,7 +231,7 @@ class GrooveConfig(Config):
 
 @dataclass(kw_only=True)
 class RoughnessConfig(Config):
-    """Scenario part `!Roughness`, see `rough_profile`. The ball smooths it further."""
+    """Scenario part `!Roughness`: Gaussian roughness, see `rough_profile`. The ball smooths it further."""
 
     rms: float = key(5e-6, "root mean square of the height", unit="m", bounds=f"positive, at most {_STEP:g}")
     correlation_length: float = key(1e-3, "where the correlation is 1/e", unit="m", bounds=f"at least {_NARROWEST:g}")

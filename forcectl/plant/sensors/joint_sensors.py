@@ -62,7 +62,7 @@ class ReadingFault:
 
 @dataclass(kw_only=True)
 class ReadingFaultConfig(Config):
-    """Scenario part `!ReadingFault`: a fault of the readings."""
+    """Scenario part `!ReadingFault`: the readings of one joint or all are wrong for a while."""
 
     kind: str = key("nan", "what happens to the readings", choices=FAULTS)
     joint: str = key("", "by name; empty: all joints")
