@@ -20,6 +20,7 @@ is built, and not after it was simulated.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ from forcectl.errors import BadInputError, RunFailedError, about, invalid, show,
 from forcectl.framework.reader import PART_NAME, is_part_name
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Mapping, Sequence
+    from collections.abc import Container, Iterable, Sequence
 
     from matplotlib.figure import Figure
 
@@ -55,7 +56,10 @@ def check_needs(analysis: Any, signals: Container[str], key: str = "analyses") -
     Raises:
         BadInputError: names the signal, and what makes it.
     """
-    for signal, maker in getattr(analysis, "needs", {}).items():
+    needs = getattr(analysis, "needs", {})
+    if not isinstance(needs, Mapping):
+        raise invalid("needs", needs, "a mapping: what makes it, by the name of each signal").at(f"{key}.needs")
+    for signal, maker in needs.items():
         if signal not in signals:
             raise BadInputError(f" finds no {signal}: must go together with {maker}", key=key)
 

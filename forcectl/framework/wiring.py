@@ -42,6 +42,8 @@ def made_by(part: Any, method: str, key: str, kind: Any, wanted: str, *arguments
 def add_part(part: Any, key: str, builder: DiagramBuilder, *arguments: Any, **named: Any) -> System:
     """The system that the `add_to` of a part adds, see `made_by`."""
     system: System = made_by(part, "add_to", key, System, "a Drake system", builder, *arguments, **named)
+    if system not in builder.GetSystems():
+        raise BadInputError("add_to must return a system that it has added to the builder it is given", key=key)
     return system
 
 

@@ -259,11 +259,16 @@ def passed_over() -> list[str]:
 
 def _fault(slot: str, tag: str) -> str:
     """What is wrong with a tag that a package announces; "" where nothing is."""
+    from importlib.metadata import entry_points
+
     if slot not in SLOTS:
         return str(unknown("group", f"{_GROUP}{slot}", groups()))
     if tag in SLOTS[slot]:
         return f"!{tag} is forcectl's own: must have another name"
-    return "" if re.fullmatch(r"[\w.-]+", tag) else "a tag must be letters, digits, and _ . -"
+    if not re.fullmatch(r"[\w.-]+", tag):
+        return "a tag must be letters, digits, and _ . -"
+    paths = sorted({point.value for point in entry_points(group=f"{_GROUP}{slot}", name=tag)})
+    return f"announced as {' and '.join(paths)}: must be one, or named by `!Import`" if len(paths) > 1 else ""
 
 
 def list_presets() -> list[str]:

@@ -239,6 +239,18 @@ def test_what_a_package_announces_in_vain_is_told_and_the_rest_is_used(site: Pat
     assert "controller !Nowhere" not in shown
 
 
+def test_a_tag_that_two_packages_announce_is_none(site: Path, tmp_path: Path) -> None:
+    announce(tmp_path, "one", "[forcectl.controller]\nTwice = my_parts:Creep\nSame = my_parts:Creep\n")
+    announce(tmp_path, "two", "[forcectl.controller]\nTwice = my_parts:Peak\nSame = my_parts:Creep\n")
+    done = command(site, tmp_path, "list", "controllers")
+    assert "!Same" in done.stdout
+    assert "!Twice" not in done.stdout
+    words = "Twice = my_parts:Creep: announced as my_parts:Creep and my_parts:Peak: must be one, or named by `!Import`"
+    assert words in command(site, tmp_path, "list").stderr
+    (tmp_path / "workcell.yaml").write_text("controller: !Twice {}\n")
+    assert "unknown tag '!Twice'" in command(site, tmp_path, "check", "workcell.yaml").stderr
+
+
 def test_the_page_and_the_list_name_the_groups(site: Path, tmp_path: Path) -> None:
     words = " ".join(command(site, tmp_path, "list").stdout.split())
     assert words.endswith(f"of the groups {', '.join(f'forcectl.{slot}' for slot in CONTRACTS)}.")

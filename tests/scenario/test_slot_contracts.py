@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from pydrake.systems.primitives import Gain
 
 import forcectl as fc
 from forcectl.errors import ForcectlError
@@ -120,6 +121,27 @@ RETURNED = {
 @pytest.mark.parametrize("slot", PLACES)
 def test_what_methods_return_is_looked_at(slot: str) -> None:
     assert RETURNED[slot] in refusal(slot, Nothing())
+
+
+@pytest.mark.parametrize("slot", ["controller", "reference", "motion", "estimator", "drive", "sensor", "environment"])
+def test_a_system_that_is_not_added_is_told_of_the_part(slot: str) -> None:
+    class Built(Nothing):
+        first_stiffness = 1e4
+
+        def add_to(self, *arguments: Any, **named: Any) -> Gain:
+            return Gain(1.0, 1)
+
+        def largest_force(self) -> float:
+            return 5.0
+
+    assert "add_to must return a system that it has added to the builder it is given" in refusal(slot, Built())
+
+
+@pytest.mark.parametrize("needs", [["contact_force"], "contact_force"])
+def test_needs_that_are_no_mapping_are_told_of_the_analysis(needs: Any) -> None:
+    part = Nothing()
+    part.needs = needs  # type: ignore[attr-defined]
+    assert f"analyses.a.needs = {needs!r}: must be a mapping" in refusal("analysis", part)
 
 
 class Fault:
