@@ -39,6 +39,7 @@ MOST_TRIALS = 10_000_000
 CASE = "case"  # the axis of the cases
 _PACKAGES = ("drake", "numpy", "scipy")
 _TRIED = 200  # values of lists that are read before anything runs
+_OF_MODES = ("begins_s", "last_begins_s")  # metrics, behind the name of a mode
 _CHUNK = 4096  # points that are drawn at once where conditions refuse some
 _GIVE_UP = 20  # as many draws as wanted points, and no point more
 
@@ -295,6 +296,7 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
             _, first = np.unique(study.points[:, i], return_index=True)
             numbers |= dict.fromkeys(study.number((int(point), 0), 0) for point in first[:_TRIED])
     own_metrics = False
+    modes: dict[str, None] = {}  # of all arms, in order
     for number in numbers:
         trial = study.trial(number)
         changes = study.overrides(trial)
@@ -303,12 +305,14 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
             if number < len(study.arms):
                 loop = build(scenario, origins(study.file, study.variant, changes))
                 own_metrics = own_metrics or any(map(_is_own, scenario.analyses.values()))
+                if hasattr(scenario.controller, "machine"):
+                    modes |= dict.fromkeys(mode.name for mode in scenario.controller.machine().modes)
                 for name in study.config.envelope:
                     if name not in loop.signals:
                         raise unknown("signal", name, loop.signals).at("envelope")
         except BadInputError as error:
             raise _placed(error, study, trial, sweep) from error.__cause__
-    _check_metrics(study.config, own_metrics)
+    _check_metrics(study.config, own_metrics, list(modes))
 
 
 def _is_own(analysis: Any) -> bool:
@@ -318,13 +322,17 @@ def _is_own(analysis: Any) -> bool:
 
 def unknown_metrics(config: SweepConfig) -> dict[str, str]:
     """Metrics that the sweep asks for, by key, that no run has by itself: they must be those of a user's analysis."""
+    return {key: name for key, name in reversed(_asked(config)) if not is_metric(name)}
+
+
+def _asked(config: SweepConfig) -> list[tuple[str, str]]:
+    """The metrics that the sweep asks for, with their keys."""
     asked = [(key, name) for key, condition in _conditions(config) for name in condition.names]
     if config.worst is not None:
         asked.append(("worst.metric", config.worst.metric))
     if config.share_over is not None:
         asked.append(("share_over.metric", config.share_over.metric))
-    asked += [(f"shown.{i}", name) for i, name in enumerate(config.shown)]
-    return {key: name for key, name in reversed(asked) if not is_metric(name)}
+    return asked + [(f"shown.{i}", name) for i, name in enumerate(config.shown)]
 
 
 def _conditions(config: SweepConfig) -> list[tuple[str, Expression]]:
@@ -334,8 +342,10 @@ def _conditions(config: SweepConfig) -> list[tuple[str, Expression]]:
     return [(key, Expression(text, key)) for key, text in asked.items() if text]
 
 
-def _check_metrics(config: SweepConfig, own: bool) -> None:
+def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str]) -> None:
     """BadInputError for conditions that are settled, and for the name of a metric that no run has.
+
+    Of a mode, it must be one that the state machine of an arm has; `modes` are empty where there is none.
 
     That a metric is not negative may be asked for: it is so where there is one. Of a scenario with an analysis of the
     user's, `own`, names are looked at with the first trials, see `SweepRun`.
@@ -346,6 +356,10 @@ def _check_metrics(config: SweepConfig, own: bool) -> None:
     if not own:
         for key, name in reversed(unknown_metrics(config).items()):
             raise unknown_metric(name).at(key)
+    for key, name in _asked(config):
+        mode, _, last = name.rpartition(".")
+        if modes and last in _OF_MODES and mode not in modes:
+            raise unknown("mode", mode, modes).at(key)
 
 
 def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) -> BadInputError:

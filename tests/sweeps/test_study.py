@@ -150,6 +150,22 @@ def test_a_misspelt_metric_is_refused_beside_shipped_analyses():
         study(**MACHINE, success="endet == 1")
 
 
+@pytest.mark.parametrize(
+    ("keys", "place"),
+    [
+        ({"findings": {"stuck": "jamed.begins_s > 0"}}, "findings.stuck: unknown mode 'jamed': did you mean 'jammed'"),
+        ({"shown": ["jamed.last_begins_s"]}, "shown.0: unknown mode 'jamed'"),
+    ],
+)
+def test_a_misspelt_mode_in_the_name_of_a_metric_is_refused(keys, place):
+    with pytest.raises(BadInputError, match=place):
+        study(**MACHINE, **keys)
+
+
+def test_a_mode_of_any_arm_may_stand_in_the_name_of_a_metric():
+    study(**MACHINE, findings={"stuck": "jammed.begins_s > 0"}, arms={"a": {}, "b": {"duration": 1.0}})
+
+
 def test_a_misspelt_name_in_an_arm_is_told_with_arm_key_and_what_is_meant():
     arms = {"a": {}, "b": {"controller.modes.aproach.timeout": 3.0}}
     place = (
