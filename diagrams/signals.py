@@ -135,7 +135,9 @@ class ProjectionConfig(Config):
             gain[row, column : column + 3] = self.factor * self._direction(arm, model)
         block = builder.AddNamedSystem(f"{name}_projection", MatrixGain(gain))
         builder.Connect(source, block.get_input_port())
-        return block.get_output_port()
+        port = block.get_output_port()
+        block.port_units, block.port_components = {port.get_name(): "N"}, {port.get_name(): "k"}
+        return port
 
     def force_lag(self, estimators: Mapping[str, Any]) -> tuple[float, float, float]:
         """Lag of the force with these estimators: bandwidth [rad/s], damping ratio [1], delay [s]."""

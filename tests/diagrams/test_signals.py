@@ -41,6 +41,16 @@ def test_what_two_laws_put_out_is_logged_with_the_name_of_the_arm_in_front():
     assert "left_invariance_function" in log
 
 
+def test_a_projection_of_ones_own_is_logged_in_newton_by_surface():
+    signals = parse("{measured_force: !Projection {}, pull: !Projection {factor: -1.0}}", "own.yaml")
+    log = fc.run(scenario(signals=signals, duration=0.02)).log
+    assert (log["pull"].dims, log["pull"].attrs["units"]) == (("time", "surface"), "N")
+    np.testing.assert_array_equal(log["pull"], -log["measured_force"])
+    of_one = parse("{measured_force: !Projection {}, pull: !Projection {arm: right}}", "own.yaml")
+    log = fc.run(scenario(signals=of_one, duration=0.02)).log
+    assert (log["pull"].dims, log["pull"].attrs["units"]) == (("time",), "N")
+
+
 @pytest.mark.slow
 def test_two_laws_press_with_two_arms_on_two_surfaces():
     result = fc.run(scenario())
