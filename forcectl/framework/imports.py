@@ -21,6 +21,7 @@ from typing import Any
 from forcectl.errors import BadInputError, invalid, one_line, show, unknown
 
 OPTION = "--allow-imports"
+_NAMED = 12  # names of a module in a message
 _OWN = "forcectl"
 _STANDARD = "of a module of your own or of an installed package, not of Python's standard library"
 _OF_PYTHON = ("__main__", "__builtins__", "sitecustomize", "usercustomize")  # which Python's start-up imports itself
@@ -106,7 +107,7 @@ class Imports:
             loaded = self._imported(module)
             if not hasattr(loaded, name):
                 known = [each for each in vars(loaded) if not each.startswith("_")]
-                raise BadInputError(f" = {show(path)}: {unknown(f'name in {module}', name, known)}", key=key)
+                raise BadInputError(f" = {show(path)}: {unknown(f'name in {module}', name, known, _NAMED)}", key=key)
             found = getattr(loaded, name)
         except (BadInputError, KeyboardInterrupt):
             raise

@@ -213,3 +213,11 @@ def test_a_loop_inside_of_a_part_of_the_users_is_a_path(forcectl, own, tmp_path)
 def test_another_scalar_type_is_named(look):
     with pytest.raises(fc.BadInputError, match="Gain of AutoDiffXd, where double is needed"):
         look(Gain(1.0, 1).ToAutoDiffXd())
+
+
+def test_a_misspelt_function_is_told_with_the_nearest_names_only(forcectl, own, tmp_path):
+    (tmp_path / "own_rings.py").write_text("from pydrake.systems.primitives import *\n" + OWN)
+    code, _, err = forcectl("check", f"{own}:bilt")
+    assert code == 2
+    assert "unknown name in own_rings 'bilt': did you mean 'built'? known: built, " in err
+    assert len(err) < 400
