@@ -9,6 +9,12 @@ from forcectl.inspect.ports import unit
 from forcectl.inspect.wiring import PortAddress, Wiring
 
 
+def _some_of(one: str, other: str) -> bool:
+    """Whether all units of one port are among those of the other: "m" and "m,rad", of which each element has one."""
+    units, others = set(one.split(",")), set(other.split(","))
+    return units <= others or others <= units
+
+
 def mismatches(wiring: Wiring) -> Iterator[Finding]:
     """Wires whose two ends mean different units, by `conventions.unit_of` and the blocks' `port_units`.
 
@@ -23,7 +29,7 @@ def mismatches(wiring: Wiring) -> Iterator[Finding]:
             continue  # an exported input of a builder has no name yet
         wire = f"{wiring.name(source)} -> {wiring.name(reader)}"
         one, other = unit(wiring, source), unit(wiring, reader)
-        if one and other and one != other:
+        if one and other and not _some_of(one, other):
             advice = "convert between them or correct port_units of one block"
             yield warning("unit-mismatch", wire, f"[{one}] is wired to [{other}]; {advice}")
         one, other = frame(source), frame(reader)

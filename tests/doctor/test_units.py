@@ -46,3 +46,18 @@ def test_an_exported_port_must_keep_the_unit():
     builder.ExportOutput(block.get_output_port(), "contact_displacement")
     (finding,) = examine(builder.Build()).warnings
     assert "block.y -> contact_displacement" in finding.path
+
+
+class Mixed(PassThrough):
+    port_units = {"u": "Nm,N", "y": "Nm,N"}
+
+
+class Metres(PassThrough):
+    port_units = {"u": "m"}
+
+
+def test_some_of_several_units_fit_and_others_do_not():
+    assert wired(Source, Mixed).warnings == ()
+    assert wired(Mixed, Mixed).warnings == ()
+    (finding,) = wired(Mixed, Metres).warnings
+    assert "[Nm,N] is wired to [m]" in finding.message
