@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from forcectl.analysis.findings.finding import RunFinding
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.runs.directory import SUMMARY
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.code import code_in, said
@@ -24,22 +28,19 @@ class StoredRun:
     Attributes:
         manifest: content of `manifest.json`.
         metrics, findings: variant -> metric -> value, and its findings, of the variants that came to their end.
+        verdicts: on the scenario's `expect`.
     """
 
     directory: Path
     manifest: Mapping[str, Any]
     metrics: dict[str, dict[str, float | None]]
     findings: dict[str, list[RunFinding]]
+    verdicts: list[Verdict]
 
     @property
     def name(self) -> str:
         """Of the scenario."""
         return str(self.manifest["scenario"])
-
-    @property
-    def verdicts(self) -> list[Verdict]:
-        """On the scenario's `expect`."""
-        return [Verdict.from_row(target, row) for target, row in self.manifest.get("expectations", {}).items()]
 
     @property
     def state(self) -> str:
@@ -59,7 +60,7 @@ class StoredRun:
             allow_imports: names of modules that the scenario may name, see `load_scenario`.
 
         Raises:
-            BadInputError: the log has no samples to draw.
+            BadInputError: the log has no samples to draw, or is not that of the scenario.
         """
         from forcectl.figures.force import write_figures
         from forcectl.runs.logs import read_netcdf
@@ -68,10 +69,15 @@ class StoredRun:
 
         file = as_file(self.directory / "scenario.yaml", allow_imports)
         log = read_netcdf(self.directory / "log.nc")
-        if log.sizes["time"] < 2:
+        if log.sizes.get("time", 0) < 2:
             raise BadInputError(f"{str(self.directory)!r}: its log has no samples to draw")
+        times = log["time"].values
+        if times.dtype.kind not in "fiu" or not (np.diff(times) > 0).all():
+            raise BadInputError(f"{str(self.directory / 'log.nc')!r}: time must be numbers that increase")
         scenario = resolve(file, select_variants(file)[0])
-        write_figures(scenario.figures(log, scenario.title or self.name, self.findings), self.directory / "figures")
+        with _written(self.directory / "log.nc"):
+            figures = scenario.figures(log, scenario.title or self.name, self.findings)
+        write_figures(figures, self.directory / "figures")
         return self.directory / "figures"
 
 
@@ -79,31 +85,53 @@ def read_run(directory: Path) -> StoredRun:
     """A run that was written.
 
     Raises:
-        BadInputError: the directory is not that of a run.
+        BadInputError: the directory is not that of a run, or a file in it is not what a run writes.
     """
     if not os.path.isfile(directory / "manifest.json") or not os.path.isfile(directory / "metrics.json"):
         raise BadInputError(
             f"{str(directory)!r} is not the directory of a run: must have manifest.json and metrics.json"
         )
-    recorded = _read(directory / "metrics.json")
-    findings = {
-        name: [RunFinding.from_row(row) for row in values.pop("findings", [])] for name, values in recorded.items()
-    }
-    return StoredRun(directory, _read(directory / "manifest.json"), recorded, findings)
+    with _written(directory / "metrics.json") as recorded:
+        findings = {
+            name: [RunFinding.from_row(row) for row in values.pop("findings", [])] for name, values in recorded.items()
+        }
+        for variant, values in recorded.items():
+            for name, value in values.items():
+                if not isinstance(value, Real | None):
+                    raise invalid(f"{variant}.{name}", value, "a number or null")
+    with _written(directory / "manifest.json") as manifest:
+        for name in ("scenario", "fidelity", "status"):
+            if not isinstance(manifest[name], str):
+                raise invalid(name, manifest[name], "text")
+        manifest["seed"]  # which there must be
+        verdicts = [Verdict.from_row(target, row) for target, row in manifest.get("expectations", {}).items()]
+    return StoredRun(directory, manifest, recorded, findings, verdicts)
 
 
 def read_reproduction(directory: Path) -> dict[str, list[Verdict]] | None:
     """The verdicts of a reproduction by experiment; None where the directory is not that of one."""
     if not os.path.isfile(directory / SUMMARY):
         return None
-    content = _read(directory / SUMMARY)
-    if not all(isinstance(row, dict) and "pass" in row for rows in content.values() for row in dict(rows).values()):
-        return None
-    return {name: [Verdict.from_row(target, row) for target, row in rows.items()] for name, rows in content.items()}
+    with _written(directory / SUMMARY) as content:
+        if not all(isinstance(row, dict) and "pass" in row for rows in content.values() for row in dict(rows).values()):
+            return None
+        return {name: [Verdict.from_row(target, row) for target, row in rows.items()] for name, rows in content.items()}
+
+
+@contextmanager
+def _written(path: Path) -> Iterator[Any]:
+    """The content of a JSON file, None of others; what is raised within because it is not as it was written says so."""
+    content = _read(path) if path.suffix == ".json" else None
+    try:
+        yield content
+    except BadInputError as error:
+        raise error if error.where else error.at(error.key, str(path)) from None
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise BadInputError(f"{str(path)!r} must be as a run wrote it: {one_line(error)}") from None
 
 
 def _read(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise BadInputError(f"{str(path)!r} cannot be read: {error}") from None

@@ -17,6 +17,8 @@ from forcectl.analysis.tables.metric_tables import (
 )
 from forcectl.errors import BadInputError, check_distinct, invalid
 from forcectl.framework.fields import Config, key
+from forcectl.framework.reader import Reader
+from forcectl.framework.yaml_tree import plain
 
 Metrics = Mapping[str, float | None]
 # (variant, other variant, share of the last step) -> `force_distance_N`
@@ -235,9 +237,10 @@ class Verdict:
 
     @staticmethod
     def from_row(target: str, row: Mapping[str, Any]) -> Verdict:
-        """The verdict of a record of `summary.json`."""
+        """The verdict of a record of `summary.json`; BadInputError for one that nobody wrote."""
         known = {name: row[_ROW.get(name, name)] for name in Verdict.__annotations__ if _ROW.get(name, name) in row}
-        return Verdict(target=target, **known | {"metrics": tuple(row.get("metrics", ()))})
+        verdict: Verdict = Reader().dataclass(Verdict, plain(known | {"target": target}), f"expectations.{target}")
+        return verdict
 
 
 def judge(
