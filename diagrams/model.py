@@ -5,22 +5,74 @@ Made from the station's configuration, it agrees with the plant; the scenario ma
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
-import yaml
 
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, check_distinct, invalid
 from forcectl.framework.fields import Config, key
+from forcectl.framework.reader import Reader
+from forcectl.framework.yaml_tree import place
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.plant_model import PlantModel
+from forcectl.robot.checks import beyond_coulomb, beyond_viscous
+from forcectl.robot.model import RobotModel
+from forcectl.robot.parameters import read_keys
 
+T = TypeVar("T")
 FRICTION_KEYS = ("offset", "coulomb", "viscous_forward", "viscous_backward")
 # Lag of a measured force that does not report its own: [rad/s], [1], [s].
 NO_LAG = (1e4, 1.0, 0.0)
+_APART = 100.0  # times the robot's own Coulomb friction that an identified one may be, or as much less
+
+
+@dataclass(kw_only=True)
+class FrictionFile(Config):
+    """A file of identified joint friction, as the analysis `FrictionIdentification` writes it."""
+
+    joints: list[str] = key(meaning="names of the joints")
+    offset: np.ndarray = key(meaning="tau_O of each", unit="Nm")
+    coulomb: np.ndarray = key(meaning="tau_C of each", unit="Nm", bounds="not negative")
+    viscous_forward: np.ndarray = key(meaning="D+ of each", unit="Nms/rad", bounds="not negative")
+    viscous_backward: np.ndarray = key(meaning="D- of each", unit="Nms/rad", bounds="not negative")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_distinct("joints", self.joints)
+        for name in FRICTION_KEYS:
+            if len(values := getattr(self, name)) != len(self.joints):
+                raise invalid(name, values.tolist(), f"{len(self.joints)} numbers, one for each of joints")
+        if not (self.coulomb.any() or self.viscous_forward.any() or self.viscous_backward.any()):
+            raise invalid("coulomb", self.coulomb.tolist(), "above zero somewhere, or the viscous parts")
+
+    def of(self, robot: RobotModel) -> JointFriction:
+        """The friction in the order of a robot's joints.
+
+        Args:
+            robot: with limits of its joints.
+
+        Raises:
+            BadInputError: the file is about other joints, or has friction that no drive of these joints has.
+        """
+        joints = robot.parameters.arm_joints
+        if sorted(self.joints) != sorted(joints):
+            raise invalid("joints", self.joints, ", ".join(joints))
+        order = [self.joints.index(name) for name in joints]
+        found = JointFriction(len(joints), **{name: getattr(self, name)[order] for name in FRICTION_KEYS})
+        torque, speed = robot.limits.torque, robot.limits.velocity
+        wrong = {"coulomb": beyond_coulomb(found.coulomb + np.abs(found.offset), torque)}
+        wrong |= {name: beyond_viscous(getattr(found, name), torque, speed) for name in FRICTION_KEYS[2:]}
+        own = robot.parameters.coulomb_friction
+        if found.coulomb.any() and own.any() and not 1 / _APART <= found.coulomb.sum() / own.sum() <= _APART:
+            wrong["coulomb"] = f"in Nm, within {_APART:g} times the robot's {own.tolist()}"
+        for name, allowed in wrong.items():
+            if allowed:
+                raise invalid(name, getattr(self, name).tolist(), allowed)
+        return found
 
 
 @dataclass(kw_only=True)
@@ -39,7 +91,7 @@ class ModelConfig(Config, in_batches=True):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.friction:
-            read_friction(self.friction)
+            self._of_file(read_friction)
 
     def applied(self, model: PlantModel) -> PlantModel:
         """The model that agrees with the plant, with these errors.
@@ -49,7 +101,8 @@ class ModelConfig(Config, in_batches=True):
         """
         friction = model.friction
         if self.friction and model.robot is not None:
-            friction = friction_of(self.friction, model.robot.parameters.arm_joints)
+            robot_of_file = model.robot
+            friction = self._of_file(lambda path: friction_of(path, robot_of_file))
         robot = model.robot
         if robot is not None and (self.inertia_scale != 1.0 or self.payload > 0):
             robot = robot.with_inertia_error(self.inertia_scale, self.payload)
@@ -62,6 +115,13 @@ class ModelConfig(Config, in_batches=True):
             friction=friction.scaled(self.friction_scale),
             robot=robot,
         )
+
+    def _of_file(self, read: Callable[[str], T]) -> T:
+        """What is made of the file; an error in it is one about the key that names it, too."""
+        try:
+            return read(self.friction)
+        except BadInputError as error:
+            raise BadInputError(str(error), key="friction", value=self.friction) from None
 
 
 @dataclass(frozen=True)
@@ -128,40 +188,25 @@ def force_lag(parts: Mapping[str, Any]) -> tuple[float, float, float]:
     return NO_LAG
 
 
-def read_friction(path: str) -> dict[str, Any]:
-    """Identified joint friction from a file.
-
-    Args:
-        path: of a YAML file with `joints` and, of each, `offset` [Nm], `coulomb` [Nm], `viscous_forward` and
-            `viscous_backward` [Nms/rad].
+def read_friction(path: str) -> FrictionFile:
+    """Identified joint friction from a YAML file.
 
     Raises:
         BadInputError: the file cannot be read, or is not of this form.
     """
-    try:
-        with open(path, encoding="utf-8") as file:
-            data = yaml.safe_load(file)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = getattr(error, "strerror", None) or "it is not YAML text"
-        raise BadInputError(f" = {path!r}: cannot be read: {reason}", key="friction") from None
-    wanted = ("joints", *FRICTION_KEYS)
-    if not isinstance(data, dict) or set(data) != set(wanted):
-        raise invalid("friction", path, f"a file with the keys {', '.join(wanted)}")
-    counts = {len(value) if isinstance(value, list) else -1 for value in data.values()}
-    if len(counts) != 1 or -1 in counts:
-        raise invalid("friction", path, "a file whose values are lists of equal length")
-    return data
+    tree = read_keys(Path(path))
+    file: FrictionFile = Reader(lambda key: place(Path(path).name, tree.lines, key)).dataclass(FrictionFile, tree)
+    return file
 
 
-def friction_of(path: str, joints: list[str]) -> JointFriction:
-    """Identified friction of the named joints, in this order, from a file; see `read_friction`.
+def friction_of(path: str, robot: RobotModel) -> JointFriction:
+    """Identified friction from a file, in the order of a robot's joints; see `FrictionFile`.
 
     Raises:
-        BadInputError: the file has other joints.
+        BadInputError: the file cannot be read, is about other joints, or has friction that no drive of these has.
     """
-    data = read_friction(path)
-    if sorted(data["joints"]) != sorted(joints):
-        raise invalid("friction", path, f"a file about the joints {', '.join(joints)}")
-    order = [data["joints"].index(name) for name in joints]
-    values = {key: np.array([float(data[key][i]) for i in order]) for key in FRICTION_KEYS}
-    return JointFriction(len(joints), **values)
+    file = read_friction(path)
+    try:
+        return file.of(robot)
+    except BadInputError as error:
+        raise error.at(error.key, place(Path(path).name, read_keys(Path(path)).lines, error.key)) from None

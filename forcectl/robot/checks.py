@@ -163,19 +163,32 @@ def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuato
     """
     torque = np.array([actuator.effort_limit() for actuator in actuators])
     speed = np.array([float(actuator.joint().velocity_upper_limits()[0]) for actuator in actuators])
-    slowest = np.where(np.isfinite(speed) & np.isfinite(torque), _SLOWED * torque / speed, np.inf)
     tuned, rotors = parameters.velocity_loop_inertia, parameters.rotor_inertia * parameters.gear_ratio**2
     least, most = _LOOP_INERTIA
-    if (parameters.coulomb_friction + np.abs(parameters.friction_offset) >= torque).any():
-        name, allowed = "coulomb_friction", f"with friction_offset below the torque limits {torque.tolist()}"
-    elif (parameters.viscous_friction > slowest).any():
+    coulomb = parameters.coulomb_friction + np.abs(parameters.friction_offset)
+    if allowed := beyond_coulomb(coulomb, torque):
+        name = "coulomb_friction"
+    elif allowed := beyond_viscous(parameters.viscous_friction, torque, speed):
         name = "viscous_friction"
-        allowed = f"at most {_SLOWED:g} times torque limits over velocity limits, {slowest.round(1).tolist()}"
+    elif allowed := beyond_viscous(parameters.viscous_friction_backward, torque, speed):
+        name = "viscous_friction_backward"
     elif tuned.size and ((rotors > 0) & ((tuned < least * rotors) | (tuned > most * rotors))).any():
         name, allowed = "velocity_loop_inertia", f"{least:g} to {most:g} times the rotors, joint side {rotors.tolist()}"
     else:
         return _check_stiffness(parameters, torque, np.array([_turns(each) for each in actuators]))
     raise invalid(name, getattr(parameters, name).tolist(), allowed)
+
+
+def beyond_coulomb(coulomb: np.ndarray, torque: np.ndarray) -> str:
+    """What is allowed where friction with its offset [Nm] leaves a drive with these torques [Nm] no motion; else ""."""
+    return f"with friction_offset below the torque limits {torque.tolist()}" if (coulomb >= torque).any() else ""
+
+
+def beyond_viscous(viscous: np.ndarray, torque: np.ndarray, speed: np.ndarray) -> str:
+    """What is allowed where friction [Nms/rad] slows drives down far beyond torque [Nm] and speed [rad/s]; else ""."""
+    most = np.where(np.isfinite(speed) & np.isfinite(torque), _SLOWED * torque / speed, np.inf)
+    allowed = f"at most {_SLOWED:g} times torque limits over velocity limits, {most.round(1).tolist()}"
+    return allowed if (viscous > most).any() else ""
 
 
 def _check_stiffness(parameters: ControlParameters, torque: np.ndarray, turns: np.ndarray) -> None:

@@ -50,28 +50,66 @@ def test_identified_friction_is_written_by_the_identification_and_read_by_a_mode
     fc.run("fig_5_2", variant="readings as they are", out=tmp_path / "run")
     file = tmp_path / "run" / "friction.yaml"
     workcell = describe(free())
-    joints = workcell.robot.parameters.arm_joints
-    found, true = friction_of(str(file), joints), workcell.config.drive.true_friction(workcell.robot)
+    true = workcell.config.drive.true_friction(workcell.robot)
+    found = friction_of(str(file), workcell.robot)
     np.testing.assert_allclose(found.coulomb, true.coulomb, rtol=0.01)
     model = ModelConfig(friction=str(file)).applied(plant_model(workcell))
     np.testing.assert_array_equal(model.friction.coulomb, found.coulomb)
 
 
+GOOD = {
+    "joints": [f"joint_{i}" for i in range(1, 7)],
+    "offset": [0.0] * 6,
+    "coulomb": [38.0, 52.0, 30.0, 4.5, 5.8, 5.3],
+    "viscous_forward": [33.0, 47.0, 42.0, 1.8, 5.1, 1.1],
+    "viscous_backward": [33.0, 47.0, 42.0, 1.8, 5.1, 1.1],
+}
+
+
+def read(tmp_path, text):
+    (tmp_path / "friction.yaml").write_text(text)
+    workcell = describe(pressing(fidelity="Multibody"))
+    return ModelConfig(friction=str(tmp_path / "friction.yaml")).applied(plant_model(workcell)).friction
+
+
+def test_joints_of_a_friction_file_are_found_by_name(tmp_path):
+    backwards = {name: values[::-1] for name, values in GOOD.items()}
+    np.testing.assert_array_equal(read(tmp_path, str(backwards)).coulomb, GOOD["coulomb"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"coulomb": ["a"] * 6}, "friction.yaml:1: coulomb = .* must be a list of numbers"),
+        ({"coulomb": [True] * 6}, "friction.yaml:1: coulomb = .* must be a list of numbers"),
+        ({"coulomb": [float("nan")] * 6}, "coulomb .* must be"),
+        ({"viscous_forward": [-1.0] * 6}, "friction.yaml:1: viscous_forward .* must be not negative"),
+        ({"offset": [0.0]}, "friction.yaml:1: offset .* must be 6 numbers, one for each of joints"),
+        ({"joints": ["joint_1"] * 6}, r"friction.yaml:1: joints.1 = 'joint_1': must be another"),
+        ({"joints": [f"axis_{i}" for i in range(6)]}, "friction.yaml:1: joints .* must be joint_1, joint_2"),
+        ({"coulomb": [1.5e3] * 6}, "friction.yaml:1: coulomb .* below the torque limits"),
+        ({"coulomb": [0.038] * 6}, "friction.yaml:1: coulomb .* within 100 times the robot's"),
+        ({"viscous_backward": [1e4] * 6}, "friction.yaml:1: viscous_backward .* at most 10 times torque limits over"),
+        ({name: [0.0] * 6 for name in list(GOOD)[1:]}, "coulomb .* must be above zero somewhere"),
+    ],
+)
+def test_friction_that_no_robot_has_is_one_line(tmp_path, changes, message):
+    with pytest.raises(fc.BadInputError, match=message) as caught:
+        read(tmp_path, str(GOOD | changes).replace("nan", ".nan").replace("True", "true"))
+    assert caught.value.key == "friction"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("joints: [a]\noffset: [0]\n", "a file with the keys joints, offset, coulomb"),
-        ("- 1\n", "a file with the keys"),
-        ("{", "cannot be read"),
-        (
-            "{joints: [a], offset: [0], coulomb: [1, 2], viscous_forward: [1], viscous_backward: [1]}",
-            "lists of equal length",
-        ),
+        ("joints: [a]\noffset: [0]\n", "coulomb is missing: must be a list of numbers"),
+        ("- 1\n", "must be keys and values"),
+        ("{", "not valid YAML"),
+        ("joints: [a]\njoints: [a]\n", "written twice"),
     ],
 )
 def test_a_wrong_friction_file_is_one_line(tmp_path, text, message):
     (tmp_path / "friction.yaml").write_text(text)
-    with pytest.raises(fc.BadInputError) as caught:
+    with pytest.raises(fc.BadInputError, match=message) as caught:
         ModelConfig(friction=str(tmp_path / "friction.yaml"))
-    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
