@@ -30,7 +30,16 @@ from forcectl.sweeps.results import (
 )
 from forcectl.sweeps.study import Study, at_lines, study_of
 from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, read_sweep
-from forcectl.sweeps.table import COSTS, PLAN, TRIALS, costs_table, plan_table, trials_table, write_table
+from forcectl.sweeps.table import (
+    COSTS,
+    PLAN,
+    TRIALS,
+    costs_table,
+    plan_table,
+    trials_table,
+    without_effect,
+    write_table,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -147,6 +156,8 @@ def sweep(
         together = sum(row["cost"].get("batch", 1) > 1 for row in rows.values())
         if together:
             notes.append(f"{together} of {len(rows)} trials ran side by side in batches")
+        for key in without_effect(study, table):
+            notes.append(f"keys.{key} has no effect: all metrics are equal in trials that differ in nothing else")
         kept = out is not None or resume
         if kept and report:
             write_report(study, results, table, rows, run.tell)

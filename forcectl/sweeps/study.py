@@ -26,12 +26,12 @@ import forcectl
 from forcectl.analysis.tables.metric_tables import is_metric, metric_range, unknown_metric
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
-from forcectl.framework.yaml_tree import dump
+from forcectl.framework.yaml_tree import Tagged, dump, equal
 from forcectl.runs.run import overlap
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve
-from forcectl.scenario.trees import part_tree
+from forcectl.scenario.trees import part_tree, to_tree
 from forcectl.sweeps.axes import Axis, axis_of, is_plain
 from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, with_scenario
 
@@ -201,6 +201,8 @@ def _study_of(sweep: SweepFile, allow_imports: Sequence[str]) -> Study:
     study = Study(sweep.name, config, file, names[0], axes, points, left_out, text)
     if study.size > MOST_TRIALS:
         raise BadInputError(f"the sweep has {study.size} trials: must be at most {MOST_TRIALS}")
+    if config.worst is not None and config.worst.count > study.size:
+        raise invalid("worst.count", config.worst.count, f"at most the number of trials, {study.size}")
     _try_values(study, sweep)
     return study
 
@@ -289,20 +291,26 @@ def _saltelli(config: SweepConfig, axes: list[Axis], conditions: list[Expression
 
 
 def _try_values(study: Study, sweep: SweepFile) -> None:
-    """Read every arm and every value of a list once, and build every arm: typos are told before anything runs."""
+    """Read every arm, value of a list and end of what is drawn once, and build every arm, before anything runs."""
     numbers = dict.fromkeys(range(len(study.arms)))
     for i, axis in enumerate(study.axes):
-        if not axis.distribution:
-            _, first = np.unique(study.points[:, i], return_index=True)
-            numbers |= dict.fromkeys(study.number((int(point), 0), 0) for point in first[:_TRIED])
+        _, first = np.unique(study.points[:, i], return_index=True)
+        points = first[[0, -1]] if axis.distribution else first[:_TRIED]
+        numbers |= dict.fromkeys(study.number((int(point), 0), 0) for point in points)
     own_metrics = False
     modes: dict[str, None] = {}  # of all arms, in order
+    arms: dict[str, Tagged] = {}
     for number in numbers:
         trial = study.trial(number)
         changes = study.overrides(trial)
         try:
             scenario = resolve(study.file, study.variant, changes)
             if number < len(study.arms):
+                tree = to_tree(scenario)
+                if twin := next((name for name, other in arms.items() if equal(tree, other)), None):
+                    text = f" makes the same scenario as arm {twin!r}: must change something else"
+                    raise BadInputError(text, key=f"arms.{trial.arm}")
+                arms[trial.arm] = tree
                 loop = build(scenario, origins(study.file, study.variant, changes))
                 own_metrics = own_metrics or any(map(_is_own, scenario.analyses.values()))
                 if hasattr(scenario.controller, "machine"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -119,12 +120,16 @@ class SweepConfig(Config):
                 raise unknown("arm", name, self.arms).at(f"compare.{i}")
         self._check_overlaps()
         self.seed_list()
-        for name, text in self.findings.items():
-            Expression(text, f"findings.{name}").check_condition()
-        for i, text in enumerate(self.constraints):
-            Expression(text, f"constraints.{i}").check_condition()
-        if self.success:
-            Expression(self.success, "success").check_condition()
+        findings = {f"findings.{name}": text for name, text in self.findings.items()}
+        constraints = {f"constraints.{i}": text for i, text in enumerate(self.constraints)}
+        for conditions in (findings, constraints, {"success": self.success} if self.success else {}):
+            seen: dict[frozenset[str], str] = {}
+            for name, text in conditions.items():
+                Expression(text, name).check_condition()
+                parts = _joined(text)
+                if len(set(parts)) < len(parts) or seen.setdefault(frozenset(parts), name) != name:
+                    where = seen.get(frozenset(parts), name)
+                    raise invalid(name, text, f"a condition that is not said before, as in {where}")
 
     def _check_overlaps(self) -> None:
         """One key set in two places would make trials that differ in name only."""
@@ -154,6 +159,13 @@ class SweepConfig(Config):
         if not whole or not found or len(set(found)) != len(found) or isinstance(self.seeds, bool):
             raise invalid("seeds", self.seeds, "how many, or a list of different whole numbers from 0")
         return found
+
+
+def _joined(condition: str) -> list[str]:
+    """The parts that `and` joins in a condition, each as written in one way."""
+    tree = ast.parse(condition.strip(), mode="eval").body
+    both = isinstance(tree, ast.BoolOp) and isinstance(tree.op, ast.And)
+    return [ast.unparse(part) for part in (tree.values if both else [tree])]  # type: ignore[attr-defined]
 
 
 _INSTEAD = {"seed": "use `seeds`", "variants": "use `arms`", "case": "use `cases`"} | dict.fromkeys(

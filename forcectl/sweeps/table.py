@@ -94,6 +94,26 @@ def trials_table(
     return pd.concat([frame, pd.DataFrame(values, index=frame.index, dtype="float64")], axis=1)
 
 
+def without_effect(study: Study, table: pd.DataFrame) -> list[str]:
+    """Varied keys of which no trial shows a trace: all metrics are equal where nothing else differs.
+
+    Args:
+        study: the sweep. Of points that are drawn no two differ in one key only, so nothing is said of several keys.
+        table: of results.
+    """
+    done = table[table["state"] == "done"]
+    metrics = list(table.columns)[list(table.columns).index("time_s") :]
+    keys = [axis.key for axis in study.axes]
+    found = []
+    for key in keys:
+        same = ["arm", *(other for other in keys if other != key)]
+        same += ["seed"] if study.seeds is not None else []
+        groups = [group for _, group in done.groupby(same, dropna=False) if group[key].nunique() > 1]
+        if groups and all((group[metrics].nunique(dropna=False) <= 1).all() for group in groups):
+            found.append(key)
+    return found
+
+
 def _number(value: float | None) -> float:
     return float("nan") if value is None else value
 

@@ -43,6 +43,14 @@ def test_the_table_has_a_row_for_each_trial(whole):
     assert set(pd.read_parquet(folder / "costs.parquet")["trial"]) == set(range(8))
 
 
+def test_a_key_that_changes_nothing_is_told(whole):
+    assert not [note for note in whole[1].notes if "no effect" in note]
+    keys = {STIFFNESS: [1e3, 5e3], "model.payload": [0.0, 1.0]}
+    result = fc.sweep(small(keys=keys, arms={}), engine="sequential", report=False)
+    told = [note for note in result.notes if "no effect" in note]
+    assert told == ["keys.model.payload has no effect: all metrics are equal in trials that differ in nothing else"]
+
+
 @pytest.mark.slow
 def test_processes_give_the_same_table(whole, tmp_path):
     fc.sweep(small(), out=tmp_path / "two", workers=2, report=False)

@@ -133,6 +133,14 @@ def test_the_hash_is_that_of_sweep_scenario_and_points():
             {"design": "saltelli", "trials": 6, "keys": {STIFFNESS: drawn("!Uniform {min: 1e3, max: 2e3}")}},
             "trials = 6: must be a power of two",
         ),
+        ({"worst": {"metric": "overshoot_pct", "count": 50}}, "worst.count = 50: must be at most the number"),
+        ({"findings": {"a": "overshoot_pct > 5 and peak_force_N > 20", "b": "peak_force_N > 20 and overshoot_pct>5"}},
+         "findings.b = 'peak_force_N > 20 and overshoot_pct>5': must be a condition that is not said be"),
+        ({"success": "overshoot_pct < 5 and overshoot_pct < 5"}, "success = 'overshoot_pct < 5 and overshoot_pct < 5'"),
+        ({"arms": {"a": {"controller.dead_zone": 0.0}, "b": {"controller.upper_limit": 0.1}}},
+         "arms.b makes the same scenario as arm 'a'"),
+        ({"keys": {GAIN: drawn("!Uniform {min: -5, max: 5}")}, "design": "random", "trials": 20, "arms": {}},
+         "controller.integral_gain = -"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_run_is_told_before_anything_runs(keys, message):
