@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex, RevoluteJoint, RigidBody
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, check_distinct, invalid
+from forcectl.framework.yaml_tree import place
+from forcectl.models import TOOL_PARAMETERS, parameter_file, tool_folder
 from forcectl.robot.model_file import ModelFile
-from forcectl.robot.parameters import ControlParameters
+from forcectl.robot.parameters import ControlParameters, ToolParameters, read_keys
 from forcectl.robot.ranges import densest_moment
+
+if TYPE_CHECKING:
+    from forcectl.robot.model import RobotModel
+    from forcectl.robot.parts import ArmParts
 
 _HEAVIEST_TOOL = 2000.0  # [kg]: the largest robots carry little more
 _SLOWED = 10.0  # times the largest torque, that friction at the largest speed may be: a slip, and no drive
@@ -26,6 +34,10 @@ _TWIST = 1e-5, 1.0
 # with masses of 1 kg and torques of 1000 Nm, which stand for unknown ones in public models, 30.
 _STRONGEST = 100.0
 _GRAVITY = 9.81  # [m/s2]
+_SLOWEST = 20.0  # [rad/s2] of a motor at the largest torque of its joint, with its rotor alone: servos have 1e3 to 1e5
+_SPENT = 1.0  # [s] damping over stiffness of a transmission, which has some ms
+_OF_REACH = 0.02, 5.0  # of the reach, that the characteristic length may be
+_BALL = 1.5, 1e-3  # radii, and [m] beside, from the centre of the ball of a tool to its TCP at most
 # Share of the mass that moves, from which on the moments of a link are looked at; share of the moment of the densest
 # body of its mass, below which they are a slip of a thousand. Lighter links of public models have guessed moments; in
 # 74 models every heavier link that moves has at least twice that moment, and most have ten times as much.
@@ -33,13 +45,14 @@ _SHARE, _DENSE = 0.1, 0.3
 
 
 @contextmanager
-def about_robot(file: str) -> Iterator[None]:
-    """Errors about control parameters that are raised within say that they are from this file."""
+def about_file(kind: Any, path: Path) -> Iterator[None]:
+    """Errors about keys of these parameters that are raised within say that they are from this file, and the line."""
     try:
         yield
     except BadInputError as error:
-        if error.field.partition(".")[0] in {each.name for each in dataclasses.fields(ControlParameters)}:
-            raise error.at(error.field, file) from error.__cause__
+        if not error.where and error.field.partition(".")[0] in {each.name for each in dataclasses.fields(kind)}:
+            lines = read_keys(path).lines if path.suffix == ".yaml" else {}
+            raise error.at(error.field, place(path.name, lines, error.field)) from error.__cause__
         raise
 
 
@@ -163,6 +176,8 @@ def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuato
     """
     torque = np.array([actuator.effort_limit() for actuator in actuators])
     speed = np.array([float(actuator.joint().velocity_upper_limits()[0]) for actuator in actuators])
+    turns = np.array([_turns(each) for each in actuators])
+    _check_rotors(parameters, torque, turns)
     tuned, rotors = parameters.velocity_loop_inertia, parameters.rotor_inertia * parameters.gear_ratio**2
     least, most = _LOOP_INERTIA
     coulomb = parameters.coulomb_friction + np.abs(parameters.friction_offset)
@@ -175,7 +190,7 @@ def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuato
     elif tuned.size and ((rotors > 0) & ((tuned < least * rotors) | (tuned > most * rotors))).any():
         name, allowed = "velocity_loop_inertia", f"{least:g} to {most:g} times the rotors, joint side {rotors.tolist()}"
     else:
-        return _check_stiffness(parameters, torque, np.array([_turns(each) for each in actuators]))
+        return _check_stiffness(parameters, torque, turns)
     raise invalid(name, getattr(parameters, name).tolist(), allowed)
 
 
@@ -191,6 +206,22 @@ def beyond_viscous(viscous: np.ndarray, torque: np.ndarray, speed: np.ndarray) -
     return allowed if (viscous > most).any() else ""
 
 
+def _check_rotors(parameters: ControlParameters, torque: np.ndarray, turns: np.ndarray) -> None:
+    """Refuse rotors that their motors cannot turn, such as of kg cm2, and damping that hides its stiffness."""
+    most = torque / np.abs(parameters.gear_ratio) / _SLOWEST
+    if (turns & (parameters.rotor_inertia > most)).any():
+        allowed = f"at most {_rounded(most)} kg m2, motor side: {_SLOWEST:g} rad/s2 at the torque limits"
+        raise invalid("rotor_inertia", parameters.rotor_inertia.tolist(), allowed)
+    stiffness = parameters.stiffness()
+    if (parameters.transmission_damping > _SPENT * stiffness).any():
+        allowed = f"at most {_SPENT:g} s times the joint stiffness, {_rounded(_SPENT * stiffness)}"
+        raise invalid("transmission_damping", parameters.transmission_damping.tolist(), allowed)
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [float(f"{value:.3g}") for value in values]
+
+
 def _check_stiffness(parameters: ControlParameters, torque: np.ndarray, turns: np.ndarray) -> None:
     for name, stiffness in parameters.joint_stiffness.items():
         twist = torque / stiffness
@@ -202,3 +233,85 @@ def _check_stiffness(parameters: ControlParameters, torque: np.ndarray, turns: n
 
 def _turns(actuator: JointActuator) -> bool:
     return isinstance(actuator.joint(), RevoluteJoint)
+
+
+def check_lists(parameters: ControlParameters) -> None:
+    """BadInputError for links that stand twice in a list, and pairs that do."""
+    check_distinct("tool_neighbours", parameters.tool_neighbours)
+    check_distinct("ignored_collisions", [set(pair) for pair in parameters.ignored_collisions])
+    for name, arm in parameters.arms.items():
+        check_distinct(f"arms.{name}.tool_neighbours", arm.tool_neighbours)
+
+
+def check_length(parameters: ControlParameters, reach: float) -> None:
+    """BadInputError for a characteristic length that is not of the size of the robot.
+
+    Args:
+        parameters: of the robot.
+        reach: of an arm, about [m].
+    """
+    least, most = (share * reach for share in _OF_REACH)
+    if not least <= parameters.characteristic_length <= most:
+        allowed = f"from {least:.2g} to {most:.2g} m: half the reach, which is about {reach:.2g} m"
+        raise invalid("characteristic_length", parameters.characteristic_length, allowed)
+
+
+def check_arms(robot: RobotModel) -> None:
+    """Refuse arms of another size than their characteristic length, and tools that are none.
+
+    Args:
+        robot: in the default posture.
+
+    Raises:
+        BadInputError: there are such.
+    """
+    context = robot.create_context()
+    lengths = []
+    for arm in robot.parts.arms.values():
+        joints = robot.parts.joints[arm.joints]
+        frames = [robot.plant.world_frame(), *(joint.frame_on_child() for joint in joints), arm.tcp_frame]
+        places = np.array([frame.CalcPoseInWorld(context).translation() for frame in frames])
+        lengths.append(float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()))
+        if arm.tool is not None:
+            of_all = robot.source[1]
+            tool = of_all[arm.name] if isinstance(of_all, Mapping) else of_all
+            with about_file(ToolParameters, parameter_file(tool_folder(str(tool)), TOOL_PARAMETERS)):
+                _check_tool(robot, arm, context)
+    if all(isinstance(joint, RevoluteJoint) for joint in robot.parts.joints):
+        check_length(robot.parameters, max(lengths))
+
+
+def _check_tool(robot: RobotModel, arm: ArmParts, context: Any) -> None:
+    """A tool is on the flange, no longer than the arm can be, and light enough to be held."""
+    tool: Any = arm.tool
+    plant, longest = robot.plant, 2 * robot.parameters.characteristic_length
+    bodies = [plant.get_body(i) for i in plant.GetBodyIndices(arm.tool_instance)]
+    mass = sum(body.default_mass() for body in bodies)
+    away = {"tcp_frame": arm.tcp_frame, "sensor_frame": arm.sensor_frame, "contact_ball_frame": arm.contact_ball_frame}
+    for key, frame in away.items():
+        if frame is not None:
+            far = float(np.linalg.norm(frame.CalcPose(context, arm.flange_frame).translation()))
+            if far > longest:
+                allowed = f"at most {longest:g} m from the flange, twice characteristic_length, not {far:.3g} m"
+                raise invalid(key, frame.name(), allowed)
+    if mass > 0:
+        centre = plant.CalcCenterOfMassPositionInWorld(context, [arm.tool_instance])
+        far = float(np.linalg.norm(centre - arm.flange_frame.CalcPoseInWorld(context).translation()))
+        if far > longest:
+            allowed = f"a model with its centre of mass at most {longest:g} m from the flange, not {far:.3g} m"
+            raise invalid("model", tool.model, allowed)
+    if arm.sensor_weld is not None and arm.sensor_weld.num_velocities():
+        raise invalid("sensor_weld", arm.sensor_weld.name(), "a fixed joint: the sensor measures its reaction")
+    radius, ball = tool.contact_ball_radius, arm.contact_ball_frame
+    if ball is not None:
+        far = float(np.linalg.norm(arm.tcp_frame.CalcPose(context, ball).translation()))
+        if far > (most := _BALL[0] * radius + _BALL[1]):
+            allowed = f"in or on the ball around {ball.name()}: {far:.3g} m away, at most {most:.3g} m"
+            raise invalid("tcp_frame", arm.tcp_frame.name(), f"{allowed} with contact_ball_radius = {radius:g}")
+        if radius > (most := float(np.linalg.norm(ball.CalcPose(context, arm.flange_frame).translation()))):
+            raise invalid("contact_ball_radius", radius, f"at most {most:.3g} m, where the flange is")
+    robot.check_torque(
+        "tool",
+        f"{mass:g} kg",
+        _GRAVITY * mass * robot.jacobian_of(context, arm.tcp_frame)[5] if mass else np.zeros(len(robot.parts.joints)),
+    )

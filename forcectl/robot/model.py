@@ -33,6 +33,9 @@ from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from forcectl.errors import invalid, unknown
 from forcectl.framework.block import BlockCache
+from forcectl.models import ROBOT_PARAMETERS, parameter_file, robot_and_arm
+from forcectl.robot.checks import about_file, check_arms
+from forcectl.robot.parameters import ControlParameters
 from forcectl.robot.parts import RobotParts, Tool, add_robot, frame_named
 
 Array = NDArray[np.float64]
@@ -179,7 +182,7 @@ class RobotModel(PlantJoints):
         self.motor_inertia = self.motor_from_joint.T @ np.diag(parameters.rotor_inertia) @ self.motor_from_joint
         self.link_compliance = parameters.bending(stiffness_set)
         self._link_frames = {
-            frame: frame_named(plant, frame, parts.instance, "link_compliance frame") for frame in self.link_compliance
+            frame: frame_named(plant, frame, parts.instance, "link_compliance") for frame in parameters.link_compliance
         }
 
     @classmethod
@@ -202,8 +205,10 @@ class RobotModel(PlantJoints):
         plant = MultibodyPlant(time_step=0.0)
         parts = add_robot(plant, robot, tool)
         plant.Finalize()
-        loaded = cls(plant, parts, stiffness_set)
-        loaded.source = (robot, tool)
+        with about_file(ControlParameters, parameter_file(robot_and_arm(robot)[0], ROBOT_PARAMETERS)):
+            loaded = cls(plant, parts, stiffness_set)
+            loaded.source = (robot, tool)
+            check_arms(loaded)
         return loaded
 
     def for_arm(self, name: str) -> RobotModel:

@@ -41,7 +41,7 @@ _NEIGHBOURS = (
 class ReferenceFilter(Config):
     """Position loop of every joint, h(s) = w^2 / (s^2 + 2 z w s + w^2) (2.3)."""
 
-    natural_frequency: float = key(meaning="w", unit="rad/s", bounds="from 0.1 to 1e4")
+    natural_frequency: float = key(meaning="w", unit="rad/s", bounds="from 1 to 1e4")
     damping_ratio: float = key(meaning="z", unit="1", bounds="from 0.01 to 10")
 
 
@@ -67,7 +67,7 @@ class ArmParameters(Config):
     """One arm of a robot that has several."""
 
     flange_frame: str = key(meaning="carries the tool; z out of the flange")
-    flange_turn_deg: list[float] = key([0.0, 0.0, 0.0], _TURN, unit="deg", size=3)
+    flange_turn_deg: list[float] = key([0.0, 0.0, 0.0], _TURN, unit="deg", bounds="from -360 to 360", size=3)
     joints: list[str] = key(meaning="consecutive in `arm_joints`")
     tool_neighbours: list[str] = key([], _NEIGHBOURS)
 
@@ -84,7 +84,9 @@ class ControlParameters(Config):
     base_frame: str = key("", "welded to the world; empty: the root of the model, which may be a `world` of its own")
     arm_joints: list[str] = key(meaning="of all arms, one arm after the other")
     flange_frame: str = key("", "of a robot with one arm: carries the tool, z out of it")
-    flange_turn_deg: list[float] = key([0.0, 0.0, 0.0], f"of a robot with one arm: {_TURN}", unit="deg", size=3)
+    flange_turn_deg: list[float] = key(
+        [0.0, 0.0, 0.0], f"of a robot with one arm: {_TURN}", unit="deg", bounds="from -360 to 360", size=3
+    )
     tool_neighbours: list[str] = key([], f"of a robot with one arm: {_NEIGHBOURS}")
     arms: dict[str, ArmParameters] = key({}, "of a robot with several")
     ignored_collisions: list[list[str]] = key(
@@ -100,10 +102,10 @@ class ControlParameters(Config):
         bounds="from 1e-3 to 100",
     )
     velocity_limit: np.ndarray = key(
-        _empty, "of the joints; empty: the model's", unit="rad/s", bounds="from 1e-5 to 50"
+        _empty, "of the joints; empty: the model's", unit="rad/s", bounds="from 1e-3 to 50"
     )
     acceleration_limit: np.ndarray = key(
-        _empty, "of the joints; empty: the model's, or assumed", unit="rad/s2", bounds="from 1e-4 to 1e6"
+        _empty, "of the joints; empty: the model's, or assumed", unit="rad/s2", bounds="from 0.01 to 1e5"
     )
     torque_limit: np.ndarray = key(_empty, "joint side; empty: the model's", unit="Nm", bounds="from 1e-4 to 1e5")
     joint_stiffness: dict[str, np.ndarray] = key(

@@ -23,11 +23,12 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.models import ROBOT_PARAMETERS, parameter_file, robot_and_arm, tool_folder
+from forcectl.models import ROBOT_PARAMETERS, TOOL_PARAMETERS, parameter_file, robot_and_arm, tool_folder
 from forcectl.robot.assumptions import completed
 from forcectl.robot.checks import (
-    about_robot,
+    about_file,
     check_drives,
+    check_lists,
     check_moved_mass,
     check_range,
     check_tool_mass,
@@ -132,8 +133,9 @@ def add_robot(
         BadInputError: unknown robot, arm or tool, or a model that does not fit its parameters.
     """
     folder, arm = robot_and_arm(robot)
-    parameters, file = load_control_parameters(folder), parameter_file(folder, ROBOT_PARAMETERS).name
-    with about_robot(file):
+    parameters, file = load_control_parameters(folder), parameter_file(folder, ROBOT_PARAMETERS)
+    with about_file(ControlParameters, file):
+        check_lists(parameters)
         parts = add_robot_with(plant, folder, parameters if arm is None else parameters.only(arm), tool, X_WB)
         check_drives(parts.parameters, parts.actuators)
         check_weight(plant, parts.instance, parts.parameters, parts.actuators)
@@ -156,7 +158,8 @@ def add_robot_with(
     whole = ModelFile.look(folder / parameters.model, everything=False)
     models, filters = {whole.name: whole}, []
     tools = {}  # of each arm that has one: its parameters, and what it is called in the plant
-    for arm, folder_or_name in _tool_of_each(tool, arms).items():
+    tool_of = _tool_of_each(tool, arms)
+    for arm, folder_or_name in tool_of.items():
         tool_at = tool_folder(folder_or_name)
         tool_parameters = load_tool_parameters(tool_at)
         tool_file = ModelFile.look(tool_at / tool_parameters.model)
@@ -193,7 +196,8 @@ def add_robot_with(
         check_way(plant, joints[mine], flange)
         if name in tools:
             tool_parameters, called = tools[name]
-            parts[name] = _with_tool(plant, parts[name], instances[called], tool_parameters)
+            with about_file(ToolParameters, parameter_file(tool_folder(tool_of[name]), TOOL_PARAMETERS)):
+                parts[name] = _with_tool(plant, parts[name], instances[called], tool_parameters)
         first = mine.stop
     for joint in () if refused else joints:
         check_moved_mass(plant, joint, parameters.model)
@@ -315,16 +319,16 @@ def _completed(
 def _with_tool(plant: MultibodyPlant, arm: ArmParts, tool: ModelInstanceIndex, parameters: ToolParameters) -> ArmParts:
     """`arm` with a tool welded to its flange."""
     check_tool_mass(plant, tool)
-    plant.WeldFrames(arm.flange_frame, frame_named(plant, parameters.mount_frame, tool))
+    plant.WeldFrames(arm.flange_frame, frame_named(plant, parameters.mount_frame, tool, "mount_frame"))
     _hold(plant, parameters.held_joints, tool)
     ball, sensor, weld = parameters.contact_ball_frame, parameters.sensor_frame, parameters.sensor_weld
     return replace(
         arm,
         tool=parameters,
-        tcp_frame=frame_named(plant, parameters.tcp_frame, tool),
+        tcp_frame=frame_named(plant, parameters.tcp_frame, tool, "tcp_frame"),
         tool_instance=tool,
-        contact_ball_frame=frame_named(plant, ball, tool) if ball else None,
-        sensor_frame=frame_named(plant, sensor, tool) if sensor else None,
+        contact_ball_frame=frame_named(plant, ball, tool, "contact_ball_frame") if ball else None,
+        sensor_frame=frame_named(plant, sensor, tool, "sensor_frame") if sensor else None,
         sensor_weld=_joint(plant, weld, tool, "sensor_weld") if weld else None,
     )
 

@@ -50,6 +50,8 @@ def wrong_elements(root: Element, lines: dict[int, int]) -> Iterator[str]:
         allowed_of = NUMBERS.get(tag, {})
         if tag == "origin":
             allowed_of = {"xyz": NumberRange(3) if element in of_masses else POSITION, "rpy": TURN}
+        if tag == "frame":
+            allowed_of = {"xyz": POSITION, "rpy": TURN}
         for name, allowed in allowed_of.items():
             text = element.get(name)
             if text is not None and not allowed.holds(text):

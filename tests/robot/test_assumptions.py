@@ -139,6 +139,6 @@ def test_a_limit_that_is_missing_alone_is_told(tmp_path):
 )
 def test_drives_that_could_not_move_their_joints_are_refused(tmp_path, old, new, message):
     folder = write_planar_robot(tmp_path, CONTROL.replace(old, new))
-    with pytest.raises(BadInputError, match=r"^planar\.control\.yaml: " + message) as caught:
+    with pytest.raises(BadInputError, match=r"^planar\.control\.yaml:\d+: " + message) as caught:
         RobotModel.load(folder, None)
     assert "\n" not in str(caught.value)

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import re
+import shutil
+from pathlib import Path
 
 import pytest
 
+import forcectl.models
 from forcectl.errors import BadInputError
 from forcectl.robot.model import RobotModel
 from tests.examples.robot_folders import CONTROL, write_planar_robot
 
-STIFF = "planar.control.yaml: joint_stiffness.{}: must be from [50.0, 50.0, 50.0] to [5000000.0, 5000000.0, 5000000.0]"
+STIFF = "joint_stiffness.{}: must be from [50.0, 50.0, 50.0] to [5000000.0, 5000000.0, 5000000.0]"
 LIGHT = "planar.urdf: links that move have 0.006 kg in all: must be at least 0.051 kg, of which shoulder with 50 Nm"
 # File; what is written there; instead; the message.
 REFUSED = [
     ("control.yaml", "[1000, 800, 600]", "[1e6, 8e6, 6e5]", STIFF.format("soft = [1000000.0, 8000000.0, 600000.0]")),
     ("control.yaml", "[10000, 8000, 6000]", "[10, 8, 6]", STIFF.format("stiff = [10.0, 8.0, 6.0]")),
-    ("control.yaml", "flange_frame: hand", "flange_frame: hnad", "control.yaml: flange_frame: unknown flange_frame"),
+    ("control.yaml", "flange_frame: hand", "flange_frame: hnad", "control.yaml:3: flange_frame: unknown flange_frame"),
     ("urdf", 'lower="-3" upper="3"', 'lower="0" upper="0"', "planar.urdf: joint 'shoulder': limit from 0 to 0: must"),
 ]  # fmt: skip
 
@@ -136,3 +139,59 @@ def test_a_limit_of_the_parameters_takes_the_place_of_one_that_is_a_slip(tmp_pat
     assert robot.limits.torque[1] == (50 if name == "velocity" else 40)
     held = ["let be, for the joint is held"] * (name == "effort")  # it slides: as fast as that it may
     assert [note.rpartition("; ")[2] for note in robot.parts.let_be] == [*held, *[f"let be, for {key} is given"] * 3]
+
+
+# Of the shipped robot and tool: file, what is written there, instead, the message.
+SHIPPED = [
+    (
+        "robot",
+        "characteristic_length: 0.7",
+        "characteristic_length: 70",
+        "control.yaml:13: characteristic_length = 70.0",
+    ),
+    ("robot", "[0.000466, 0.000527,", "[4.66, 5.27,", "control.yaml:49: rotor_inertia = .* at most"),
+    ("robot", "[110.0, 200.0,", "[5e4, 5e4,", "transmission_damping .* at most 1 s times the joint stiffness"),
+    (
+        "robot",
+        "upper_arm_middle:",
+        "upper_arm_mid:",
+        "control.yaml:33: link_compliance: unknown .* did you mean 'upper",
+    ),
+    ("robot", "period:", "tool_neighbours: [link_5, link_5]\nperiod:", "tool_neighbours.1 = 'link_5': must be another"),
+    ("robot", "period:", "ignored_collisions: [[base, link_3], [link_3, base]]\nperiod:", "ignored_collisions.1 = "),
+    (
+        "tool.yaml",
+        "mount_frame: mount",
+        "mount_frame: mont",
+        "tool.yaml:3: mount_frame: unknown .* did you mean 'mount'",
+    ),
+    ("tool.yaml", "tcp_frame: tcp", "tcp_frame: mount", "tool.yaml:4: tcp_frame = 'mount': must be in or on the ball"),
+    ("tool.yaml", "radius: 0.01", "radius: 0.5", "tool.yaml:6: contact_ball_radius = 0.5: must be at most 0.173 m"),
+    ("tool.urdf", 'link="tool" xyz="0 0 0.15"', 'link="tool" xyz="0 0 150"', "line 66: frame xyz = '0 0 150': must be"),
+    ("tool.urdf", 'link="tool" xyz="0 0 0.15"', 'link="tool" xyz="0 0 3"', "tcp_frame = 'tcp': must be at most 1.4 m"),
+    (
+        "tool.urdf",
+        'value="0.255"',
+        'value="255"',
+        "tool = '255.997 kg': must be held in the start posture: joint_3 needs",
+    ),
+    (
+        "tool.urdf",
+        'name="tool_weld" type="fixed"',
+        'name="tool_weld" type="continuous"',
+        "sensor_weld = .* a fixed joint",
+    ),
+]
+
+
+@pytest.mark.parametrize(("file", "old", "new", "message"), SHIPPED, ids=[new for _, _, new, _ in SHIPPED])
+def test_slips_in_the_folders_of_a_robot_and_a_tool_are_told(tmp_path, file, old, new, message):
+    shipped = Path(forcectl.models.__file__).parent
+    folders = {name: shutil.copytree(shipped / name, tmp_path / name) for name in ("comau_smart_six", "force_probe")}
+    kind, ending = ("comau_smart_six", "control.yaml") if file == "robot" else ("force_probe", file.split(".")[1])
+    path = next(folders[kind].glob(f"*{ending}"))
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(BadInputError, match=message) as caught:
+        RobotModel.load(*folders.values())
+    assert "\n" not in str(caught.value)

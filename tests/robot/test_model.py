@@ -191,7 +191,7 @@ def test_user_robot_takes_a_shipped_tool(planar):
         (
             "[10, 60, -20]",
             "[10, 600, -20]",
-            "planar.control.yaml: default_posture_deg.1 = 600.0: must be from -171.887 to 171.887, the limits of elbow",
+            "planar.control.yaml:5: default_posture_deg.1 = 600.0: must be from -171.887 to 171.887, the limits of elb",
         ),
         ("period: 0.004", "period: 0.004\nlink_compliance: {palm: [0, 0, 0, 0, 0, 0]}", "'palm'"),
     ],

@@ -56,7 +56,7 @@ MISTAKES = [
     (
         "natural_frequency: 50",
         "natural_frequency: -50",
-        "control.yaml:12: reference_filter.natural_frequency = -50.0: must be from 0.1 to 1e4",
+        "control.yaml:12: reference_filter.natural_frequency = -50.0: must be from 1 to 1e4",
     ),
     (
         "soft: [1000, 800, 600]",
@@ -94,8 +94,8 @@ MISTAKES = [
         "period: 0.004\nmotor_coupling: [{motor_of: elbow, driven_by: elbow, factor: 1}]",
         "must be another joint than motor_of",
     ),
-    ("natural_frequency: 50", "natural_frequency: 1e-6", "natural_frequency = 1e-06: must be from 0.1 to 1e4"),
-    ("natural_frequency: 50", "natural_frequency: 1e5", "natural_frequency = 100000.0: must be from 0.1 to 1e4"),
+    ("natural_frequency: 50", "natural_frequency: 1e-6", "natural_frequency = 1e-06: must be from 1 to 1e4"),
+    ("natural_frequency: 50", "natural_frequency: 1e5", "natural_frequency = 100000.0: must be from 1 to 1e4"),
     ("characteristic_length: 0.5", "characteristic_length: 1e-9", "= 1e-09: must be from 1e-3 to 100"),
     ("soft: [1000, 800, 600]", "soft: [1000, 800, 1e-3]", "must be from 0.01 to 1e8"),
     ("transmission_damping: [1, 1, 1]", "transmission_damping: [1, 1, 1e6]", "must be from 0 to 1e5"),
@@ -105,8 +105,8 @@ MISTAKES = [
         "period: 0.004\ntorque_limit: [1e-9, 1, 1]",
         "torque_limit = [1e-09, 1.0, 1.0]: must be from 1e-4",
     ),
-    ("period: 0.004", "period: 0.004\nvelocity_limit: [1e-9, 1, 1]", "must be from 1e-5 to 50"),
-    ("period: 0.004", "period: 0.004\nacceleration_limit: [1e-9, 1, 1]", "must be from 1e-4 to 1e6"),
+    ("period: 0.004", "period: 0.004\nvelocity_limit: [1e-9, 1, 1]", "must be from 1e-3 to 50"),
+    ("period: 0.004", "period: 0.004\nacceleration_limit: [1e-9, 1, 1]", "must be from 0.01 to 1e5"),
     ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1e-12, 1, 1]", "must be from 1e-6 to 1e4"),
     (
         "period: 0.004",

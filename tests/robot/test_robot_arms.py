@@ -193,7 +193,7 @@ def test_friction_that_is_left_out(tmp_path):
         (
             "period: 0.004",
             "period: 0.004\nheld_joints: {slide: 30}",
-            "control.yaml: held_joints.slide = 30.0: must be within",
+            "control.yaml:16: held_joints.slide = 30.0: must be within",
         ),
         ("period: 0.004", "period: 0.004\nheld_joints: {slid: 0}", "held_joints.slid: unknown joint of planar 'slid'"),
         ("period: 0.004", "period: 0.004\nfriction_offset: [0, 0]", "friction_offset = [0.0, 0.0]: must be 3 finite"),

@@ -20,7 +20,7 @@ from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, place, plain
 from forcectl.models import ROBOT_PARAMETERS, robot_folder
 from forcectl.robot.assumptions import ACCELERATION_TIME
-from forcectl.robot.checks import about_robot, check_drives, check_weight
+from forcectl.robot.checks import about_file, check_drives, check_lists, check_weight
 from forcectl.robot.model_file import ModelFile, add_models
 from forcectl.robot.parameters import DERIVED, PER_JOINT, ControlParameters, missing_limits, read_keys
 from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
@@ -277,7 +277,8 @@ def _understand(
         if name in unknown
     }
     parameters = Reader().dataclass(ControlParameters, Tagged(values | {name: some[name] for name in unknown}))
-    with about_robot(next(report.folder.glob(ROBOT_PARAMETERS), model).name):
+    with about_file(ControlParameters, next(report.folder.glob(ROBOT_PARAMETERS), model)):
+        check_lists(parameters)
         explorer = Explorer(report.folder, parameters, refused)
         parts = explorer.parts
         if not set(some) & unknown - {"default_posture_deg"} and not _BASIC & set(wrong):

@@ -275,7 +275,7 @@ TOLD = [
     "4: flange_frame: unknown flange_frame of planar 'hnad': did you mean 'hand'? known: ",
     "6: default_posture_deg = [10.0, 60.0]: must be 3 finite numbers",
     "8: joint_stiffness.soft = [1000.0, 800.0]: must be 3 finite numbers",
-    "12: reference_filter.natural_frequency = -3.0: must be from 0.1 to 1e4",
+    "12: reference_filter.natural_frequency = -3.0: must be from 1 to 1e4",
     "17: nonsense: unknown key 'nonsense': known: ",
     "18: held_joints.slide = 9.0: must be within the joint's limits, -3 to 3 [rad, m]",
     "19: ignored_collisions: unknown link of planar 'palm': known: ",
