@@ -112,7 +112,10 @@ class TrapezoidalMovesConfig(_Excitation, Config):
     """Scenario part `!TrapezoidalMoves`: rest-to-rest moves along n."""
 
     depths: list[float] = key(
-        [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 3e-3, 2e-3, 1e-3, 0.0], "into the surface, first where it begins", unit="m"
+        [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 3e-3, 2e-3, 1e-3, 0.0],
+        "into the surface, first where it begins",
+        unit="m",
+        bounds="from -1 to 1",
     )
     speed: float = key(0.005, "of the moves", unit="m/s", bounds="above 0 and at most 1")
     acceleration: float = key(0.05, "of the moves", unit="m/s^2", bounds="above 0 and at most 100")

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import Field, fields
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from forcectl.errors import about, invalid
-from forcectl.framework.fields import default_of
+from forcectl.framework.fields import Config, default_of, key_of
+from forcectl.framework.reader import join
+from forcectl.motion.loads import LoadConfig
 from forcectl.scenario.catalog import find_preset
 from forcectl.scenario.trees import to_tree
 
@@ -14,6 +20,10 @@ if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
     from forcectl.scenario.scenario import Scenario
 
+_SLOW = ("_gain", "_bandwidth", "_rate", "bandwidth")  # ends of keys in 1/s or rad/s that are one over a time
+_SHALLOWEST = 1e-6  # [m] of an excitation
+_NOTHING = 1e-9  # [Nm, N] of loads together
+_RELAXED = 1.0  # [s] damping over stiffness of a surface: rubber has some 0.1 s
 _OF_MATERIALS = ("stiffness", "damping")  # keys of an environment that its materials stand for
 
 
@@ -31,6 +41,12 @@ def check_effects(scenario: Scenario) -> None:
         for name, none in (("stiffness_set", ""), ("stiffness_scale", 1.0)):
             if (value := getattr(station, name)) != none:
                 raise invalid(f"station.{name}", value, "left out with elastic_joints = false: rigid joints have none")
+    _check_loads(station.loads)
+    for key, part in configs(station.environment, "station.environment"):
+        stiffness, damping = (getattr(part, name, None) for name in _OF_MATERIALS)
+        if isinstance(stiffness, float) and isinstance(damping, float) and damping > _RELAXED * stiffness:
+            allowed = f"at most {_RELAXED * stiffness:g} N s/m, {_RELAXED:g} s times stiffness"
+            raise invalid(join(key, "damping"), damping, allowed)
     servo: Any = getattr(station.drive, "servo", None)
     for field in fields(servo) if getattr(servo, "ideal", False) else ():
         given = getattr(servo, field.name)
@@ -40,8 +56,54 @@ def check_effects(scenario: Scenario) -> None:
             raise invalid(key, given, "left out with ideal = true: an ideal servo has no loops and no friction")
 
 
+def check_lengths(scenario: Scenario, longest: float, words: str) -> None:
+    """Refuse what takes far longer than the run to show an effect.
+
+    Args:
+        scenario: as read.
+        longest: that it may take [s].
+        words: what that is.
+
+    Raises:
+        BadInputError: about the key.
+    """
+    for part, name in ((scenario.controller, "controller"), (scenario.station.drive, "station.drive")):
+        for key, field, value in values(part, name, "1/s", "rad/s"):
+            slow = isinstance(value, float) and 0 < value * longest < 1
+            if slow and field.name.endswith(_SLOW) and value != default_of(field):
+                raise invalid(key, value, f"at least {1 / longest:.4g} {key_of(field).unit}, one over {words}")
+    excitation: Any = getattr(scenario.controller, "excitation", None)
+    if hasattr(excitation, "speed") and (end := excitation.end_time()) > longest:
+        name = "rest" if excitation.rest * len(excitation.depths) > longest else "speed"
+        allowed = f"such that the moves end before {longest:g} s, {words}, not at {end:.3g} s"
+        raise invalid(f"controller.excitation.{name}", getattr(excitation, name), allowed)
+
+
+def _check_loads(loads: Sequence[Any]) -> None:
+    """Loads at one place do not cancel each other all the time."""
+    places: dict[tuple[str, str], list[int]] = {}
+    for i, load in enumerate(loads):
+        if isinstance(load, LoadConfig):
+            places.setdefault((load.arm, load.body), []).append(i)
+    for numbers in places.values():
+        own = [loads[i] for i in numbers]
+        times = sorted({time for load in own for time in _edges(load)})
+        between = [0.5 * (one + other) for one, other in pairwise(times)]
+        if all(np.abs(sum(load.wrench(time) for load in own)).max() < _NOTHING for time in between):
+            allowed = f"other than what cancels the loads before it: together {len(own)} loads are none at any time"
+            raise invalid(f"station.loads.{numbers[-1]}.wrenches", own[-1].wrenches, allowed)
+
+
+def _edges(load: LoadConfig) -> Iterator[float]:
+    """Times at which a load changes, of its first repeats [s]."""
+    for repeat in range(min(load.repeats, 3)):
+        for i in range(len(load.wrenches)):
+            begin = load.start + repeat * load.every + i * (load.hold + load.pause)
+            yield from (begin, begin + load.ramp, begin + load.hold - load.ramp, begin + load.hold)
+
+
 def check_surfaces(scenario: Scenario, loop: Loop) -> None:
-    """Refuse what a surface has beside its materials, and along a path that nothing takes.
+    """Refuse what a surface has beside its materials, and along a path that nothing takes, and faults of no sensor.
 
     Args:
         scenario: as read.
@@ -50,6 +112,9 @@ def check_surfaces(scenario: Scenario, loop: Loop) -> None:
     Raises:
         BadInputError: about the key.
     """
+    station = scenario.station
+    if station.faults and not any(hasattr(sensor, "velocity_bandwidth") for sensor in station.sensors.values()):
+        raise invalid("station.faults", f"{len(station.faults)} faults", "left out without a sensor of the joints")
     at_rest = loop.diagram.HasSubsystemNamed("motion") and scenario.motion.interval() is None
     for contact in loop.workcell.contacts:
         surface = contact.surface
@@ -58,6 +123,8 @@ def check_surfaces(scenario: Scenario, loop: Loop) -> None:
         with about(contact.environment):
             if surface.materials is not None:
                 _check_materials(scenario, contact.environment)
+            if surface.turning and not (surface.slope or surface.heights):
+                raise invalid("surface.turning", True, "left out without heights or a slope: a plane does not turn")
             for name in ("slope", "heights") if at_rest and not surface.turning else ():
                 if value := getattr(surface, name):
                     shown = list(value) if name == "heights" else value
@@ -72,3 +139,30 @@ def _check_materials(scenario: Scenario, environment: Any) -> None:
         value = getattr(environment, field.name)
         if field.name in _OF_MATERIALS and value not in (default_of(field), usual.get(field.name)):
             raise invalid(field.name, value, "left out beside surface.materials, whose segments say it")
+
+
+def values(part: Any, key: str, *units: str) -> Iterator[tuple[str, Field[Any], Any]]:
+    """Dotted key, declaration and value of what has one of these units, in a configuration and every one within it."""
+    for each_key, each in configs(part, key):
+        yield from own_values(each, each_key, *units)
+
+
+def own_values(part: Any, key: str, *units: str) -> Iterator[tuple[str, Field[Any], Any]]:
+    """The same of a configuration by itself; nothing of what is none."""
+    for field in fields(part) if isinstance(part, Config) else ():  # type: ignore[arg-type]
+        if key_of(field).unit in units:
+            yield join(key, field.name), field, getattr(part, field.name)
+
+
+def configs(part: Any, key: str) -> Iterator[tuple[str, Config]]:
+    """A configuration and every one within it, by dotted key."""
+    inner: Mapping[Any, Any] = {}
+    if isinstance(part, Config):
+        yield key, part
+        inner = {field.name: getattr(part, field.name) for field in fields(part)}  # type: ignore[arg-type]
+    elif isinstance(part, Mapping):
+        inner = part
+    elif isinstance(part, list | tuple):
+        inner = dict(enumerate(part))
+    for name, each in inner.items():
+        yield from configs(each, join(key, name))

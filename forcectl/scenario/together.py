@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import Field, fields
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +10,18 @@ import numpy as np
 
 from forcectl.analysis.slot import check_fits
 from forcectl.errors import BadInputError, about, check_distinct, invalid, unknown
-from forcectl.framework.fields import Config, default_of, key_of
+from forcectl.framework.fields import default_of, key_of
 from forcectl.framework.reader import join
 from forcectl.motion.loads import loaded_frames
 from forcectl.scenario.catalog import tags_of
-from forcectl.scenario.effects import check_effects, check_surfaces
+from forcectl.scenario.effects import (
+    check_effects,
+    check_lengths,
+    check_surfaces,
+    configs,
+    own_values,
+    values,
+)
 
 if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
@@ -27,7 +33,7 @@ LONGEST_DURATION = 86_400.0  # [s]
 _STARTS = ("start", "start_time", "tare_start", "time", "times", "released_at")
 # Keys of what takes a while to begin [s].
 _LASTS = {
-    "controller": ("hold",),
+    "controller": ("hold", "ramp", "derivative_filter", "reference_filter", "feed_forward_filter", "rise_time"),
     "station": ("delay", "posture_period"),
     "guard": ("patience", "frozen_time"),
     "estimators": ("tare_duration",),
@@ -38,7 +44,12 @@ _OUTLASTS = 20  # times the run, that a motion, or a file of a reference, may la
 _ANYWAY = 60.0  # [s] that ramps, moves and periods may, however short a run is
 # Keys of parts in which they count from the start of the run.
 _TIMED = ("controller", "station", "estimators", "reference", "motion")
-_RATES = ("integral_gain", "observer_bandwidth", "adaptation_rate")  # of a law, with which its command changes
+_RATES = (
+    "integral_gain",
+    "observer_bandwidth",
+    "adaptation_rate",
+    "reference_bandwidth",
+)  # of a law, with which its command changes
 _USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
 _LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
 _FAR = 10.0  # times the torque of a motor
@@ -145,7 +156,7 @@ def _check_forces(scenario: Scenario, period: float) -> None:
     learns = getattr(scenario.controller, "minimum_force", 0.0)
     if learns >= limit:
         raise invalid("controller.minimum_force", learns, f"below the sensor's range, {limit:g} N")
-    for key, law in _configs(scenario.controller, "controller"):
+    for key, law in configs(scenario.controller, "controller"):
         for name in ("dead_zone", "rest_region"):
             least = getattr(law, name, 0.0)
             if least and least >= largest > 0:
@@ -168,7 +179,7 @@ def _check_forces(scenario: Scenario, period: float) -> None:
             raise invalid(
                 f"controller.{name}", least, f"below guard.maximum_force = {maximum:g} N: no force gets there"
             )
-    for key, field, value in _values(scenario.controller, "controller", "N"):
+    for key, field, value in values(scenario.controller, "controller", "N"):
         if field.name == "minimum_force" and value >= largest > 0 and value != default_of(field):
             raise invalid(key, value, f"below the largest desired force, {largest:g} N")
         if field.name == "upper_limit" and value < largest:
@@ -195,8 +206,8 @@ def _check_frequencies(scenario: Scenario, period: float) -> None:
         allowed = f"below {2 / period:g} rad/s, two over the control tick of {period:g} s"
         raise invalid("reference_model", bandwidth, allowed)
     for name in ("reference", "motion", "controller"):
-        for key, part in _configs(getattr(scenario, name), name):
-            for name_of, field, value in _own_values(part, key, "Hz"):
+        for key, part in configs(getattr(scenario, name), name):
+            for name_of, field, value in own_values(part, key, "Hz"):
                 fastest = 0.5 / period / getattr(part, f"{field.name}_spread", 1.0)
                 if value >= fastest:
                     half = f"below {fastest:.4g} Hz, half the rate of control with its tick of {period:g} s"
@@ -210,13 +221,16 @@ def _check_loads(scenario: Scenario, loop: Loop) -> None:
         for k, wrench in enumerate(getattr(load, "wrenches", ())):
             own = robot.for_arm(load.arm) if load.arm else robot
             frame = loaded_frames([load], robot)[load.body] if load.body else own.tcp_frame
-            torque = robot.jacobian_of(robot.context_at(start), frame).T @ wrench
+            J = robot.jacobian_of(robot.context_at(start), frame)
+            if not J.any():
+                raise invalid(f"station.loads.{i}.body", load.body, "a body that the joints move")
+            torque = J.T @ wrench
             robot.check_torque(f"station.loads.{i}.wrenches.{k}", wrench, torque, factor=_FAR)
 
 
 def _check_rate(key: str, law: Any, period: float) -> None:
     """In a tick a law goes less than twice as far as it is away: its loop would not settle."""
-    for name, field, value in _own_values(law, key, "1/s", "rad/s"):
+    for name, field, value in own_values(law, key, "1/s", "rad/s"):
         if field.name in _RATES and value * period >= 2:
             allowed = f"below {2 / period:g} {key_of(field).unit}, two over the control tick of {period:g} s"
             raise invalid(name, value, allowed)
@@ -234,7 +248,7 @@ def _check_reach(scenario: Scenario) -> None:
             allowed = f"at least {least:.4g} s, which speed takes for surface.gap = {gap:g} m"
             raise invalid("controller.timeout", controller.timeout, allowed)
         return
-    for key, field, value in _own_values(controller, "controller", "m"):
+    for key, field, value in own_values(controller, "controller", "m"):
         if field.name == "lower_limit" and -value <= gap:
             raise invalid(key, value, f"below -{gap:g} m, where the surface is")
 
@@ -244,7 +258,7 @@ def _check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
 
     A limit that is nearer than `_DEEPEST` is one on purpose. Of several laws the deepest limit counts.
     """
-    every = _values(scenario.controller, "controller", "m")
+    every = values(scenario.controller, "controller", "m")
     limits = [-value for _, field, value in every if field.name == "lower_limit"]
     largest = scenario.reference.largest_force()
     if not limits or largest <= 0:
@@ -285,13 +299,13 @@ def _check_sides(scenario: Scenario, workcell: Workcell) -> None:
 
 def _where(scenario: Scenario, part: Any) -> str:
     """Dotted key of a part of the station."""
-    return next((key for key, each in _configs(scenario.station, "station") if each is part), "station.environment")
+    return next((key for key, each in configs(scenario.station, "station") if each is part), "station.environment")
 
 
 def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
     """Dotted keys of when something begins, and that time [s]."""
     for name in _TIMED:
-        for key, field, start in _values(getattr(scenario, name), name, "s"):
+        for key, field, start in values(getattr(scenario, name), name, "s"):
             # A default of a controller may be that of moves which it does not make; of several the run may make some.
             of_several = field.name == "start" and key.split(".")[-2].isdecimal()
             if field.name not in _STARTS or (name == "controller" and (start == default_of(field) or of_several)):
@@ -306,13 +320,14 @@ def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
 def _check_lasting(scenario: Scenario) -> None:
     """What takes a while takes less than the run; defaults do so in any but very short ones."""
     for name, lasting in _LASTS.items():
-        for key, field, value in _values(getattr(scenario, name), name, "s"):
+        for key, field, value in values(getattr(scenario, name), name, "s"):
             if field.name in lasting and value != default_of(field) and value >= scenario.duration:
                 raise invalid(key, value, f"below duration = {scenario.duration:g} s")
     longest = max(_OUTLASTS * scenario.duration, _ANYWAY)
     times = f"{_OUTLASTS} times duration or a minute"
+    check_lengths(scenario, longest, times)
     for name in ("station", "controller"):
-        for key, field, value in _values(getattr(scenario, name), name, "s"):
+        for key, field, value in values(getattr(scenario, name), name, "s"):
             if field.name == "duration" and "faults" not in key and longest < value < np.inf:
                 raise invalid(key, value, f"at most {longest:g} s, {times}")
     if scenario.after_end is not None and scenario.after_end >= scenario.duration:
@@ -321,36 +336,9 @@ def _check_lasting(scenario: Scenario) -> None:
         raise invalid("reference_model", bandwidth, f"at least {1 / longest:.4g} rad/s, one over {times}")
     if getattr(scenario.reference, "end_time", 0.0) > longest:
         raise invalid("reference.rate", scenario.reference.rate, f"enough to end before {longest:g} s, {times}")
-    for key, _, value in _own_values(scenario.reference, "reference", "Hz"):
+    for key, _, value in own_values(scenario.reference, "reference", "Hz"):
         if value * longest < 1:
             raise invalid(key, value, f"at least {1 / longest:.4g} Hz, one period in {times}")
-
-
-def _values(part: Any, key: str, *units: str) -> Iterator[tuple[str, Field[Any], Any]]:
-    """Dotted key, declaration and value of what has one of these units, in a configuration and every one within it."""
-    for each_key, each in _configs(part, key):
-        yield from _own_values(each, each_key, *units)
-
-
-def _own_values(part: Any, key: str, *units: str) -> Iterator[tuple[str, Field[Any], Any]]:
-    """The same of a configuration by itself; nothing of what is none."""
-    for field in fields(part) if isinstance(part, Config) else ():  # type: ignore[arg-type]
-        if key_of(field).unit in units:
-            yield join(key, field.name), field, getattr(part, field.name)
-
-
-def _configs(part: Any, key: str) -> Iterator[tuple[str, Config]]:
-    """A configuration and every one within it, by dotted key."""
-    inner: Mapping[Any, Any] = {}
-    if isinstance(part, Config):
-        yield key, part
-        inner = {field.name: getattr(part, field.name) for field in fields(part)}  # type: ignore[arg-type]
-    elif isinstance(part, Mapping):
-        inner = part
-    elif isinstance(part, list | tuple):
-        inner = dict(enumerate(part))
-    for name, each in inner.items():
-        yield from _configs(each, join(key, name))
 
 
 def _forced(key: str, overrides: Mapping[str, Any]) -> bool:
@@ -361,7 +349,7 @@ def _forced(key: str, overrides: Mapping[str, Any]) -> bool:
 def _check_directions(scenario: Scenario) -> None:
     """No path goes along the normal of the surface that it is on."""
     normals = {}
-    for key, part in _configs(scenario.station.environment, "station.environment"):
+    for key, part in configs(scenario.station.environment, "station.environment"):
         if hasattr(part, "normal"):
             normals[key] = part.normal or scenario.station.normal
         surface: Any = getattr(part, "surface", None)

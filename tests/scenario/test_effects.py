@@ -36,6 +36,24 @@ REFUSED = [
         "drive.servo.position_gain = 3.0: must be left out with ideal = true: an ideal servo has no loops",
     ),
 ]
+LOAD = "!Load {wrenches: [[0, 0, 0, 5, 0, 0]]}"
+BACK = "!Load {wrenches: [[0, 0, 0, -5, 0, 0]]}"
+MOVES = "controller: !RecursiveVrft {excitation: !TrapezoidalMoves"
+# Text of a whole scenario; how the message goes on after file and line.
+WITHOUT_TRACE = [
+    (f"station: {{loads: [{LOAD}, {BACK}]}}", "station.loads.1.wrenches = [[0.0, 0.0, 0.0, -5.0, 0.0, 0.0]]: must be"),
+    ("station: {loads: [!Load {body: base, wrenches: [[0, 0, 0, 1, 0, 0]]}]}", "station.loads.0.body = 'base': must b"),
+    ("station: {faults: [!ReadingFault {}]}", "station.faults = '1 faults': must be left out without a sensor of the"),
+    ("station: {environment: {surface: {turning: true}}}", "station.environment.surface.turning = True: must be left"),
+    ("station: {environment: {damping: 6000}}", "station.environment.damping = 6000.0: must be at most 5900 N s/m, 1"),
+    ("station: {drive: {servo: {position_gain: 0.001}}}", "station.drive.servo.position_gain = 0.001: must be at leas"),
+    ("controller: {integral_gain: 1e-6}", "controller.integral_gain = 1e-06: must be at least 0.01 1/s, one over 20 t"),
+    ("controller: !Vrft {reference_bandwidth: 1e6}", "controller.reference_bandwidth = 1000000.0: must be below 1000"),
+    (f"{MOVES} {{speed: 1e-9}}}}", "controller.excitation.speed = 1e-09: must be such that the moves end before 100 s"),
+    (f"{MOVES} {{rest: 600}}}}", "controller.excitation.rest = 600.0: must be such that the moves end before 100 s, 2"),
+    (f"{MOVES} {{depths: [0, 2]}}}}", "controller.excitation.depths.1 = 2.0: must be from -1 to 1"),
+    ("controller: !JointMoves {dither: {amplitude_deg: 0.1, ramp: 9}}", "controller.dither.ramp = 9.0: must be below"),
+]  # fmt: skip
 # What may look like it, and has an effect, or is said by a preset.
 ACCEPTED = [
     "station: {environment: {surface: {slope: 0.1}}}\nmotion: {distance: 0.01}",
@@ -43,6 +61,23 @@ ACCEPTED = [
     f"preset: delay_only\nstation: {{environment: {{surface: {{{SEGMENTS}}}}}}}",
     "preset: ideal\nstation: {self_collision: false}",
 ]
+LATER = f"station: {{loads: [{LOAD}, {BACK.replace('wrenches', 'start: 0.5, wrenches')}]}}"
+
+
+@pytest.mark.parametrize(("text", "message"), WITHOUT_TRACE)
+def test_what_leaves_no_trace_in_the_run_is_refused(tmp_path, text, message):
+    file = tmp_path / "own.yaml"
+    file.write_text(text)
+    with pytest.raises(BadInputError) as caught:
+        build(file)
+    assert str(caught.value).startswith(f"own.yaml:1: {message}")
+    assert "\n" not in str(caught.value)
+
+
+def test_loads_that_cancel_each_other_for_a_while_are_not(tmp_path):
+    file = tmp_path / "own.yaml"
+    file.write_text(LATER)
+    assert build(file).workcell.contact.name == "environment"
 
 
 @pytest.mark.parametrize(("text", "message"), REFUSED)

@@ -128,7 +128,7 @@ def test_overrides_reach_every_part(short):
             "postures.0.posture_deg has 1 angles: must have 7",
         ),
         ("signals: {joint_position: !From {part: sensors}}", "unknown part 'sensors': known: station"),
-        ("model: {friction: none.yaml}", "model.friction = 'none.yaml': cannot be read"),
+        ("model: {friction: none.yaml}", "model.friction: none.yaml: cannot be read"),
         ("model: {inertia_scale: 0}", "model.inertia_scale = 0.0: must be from 0.001 to 1000"),
         ("duration: 0", "duration = 0.0: must be positive"),
     ],

@@ -288,7 +288,7 @@ REFUSED = [
         "controller.excitation.depths = [0.0, -0.01, -0.02]: must be above zero somewhere: away from the surface",
     ),
     (
-        "controller: !RecursiveVrft {excitation: {depths: [0, 100]}}",
+        "controller: !RecursiveVrft {excitation: {depths: [0, 0.3]}}",
         "build",
         "controller.lower_limit = -0.1: must be at most -",
     ),

@@ -25,13 +25,27 @@ _TURN = "from -360 to 360"
 _NEAR = "from -3 to 3"  # [m] farther than any arm reaches
 
 
+# Springs of a grasp: stiffness, damping, and what is held at most.
+_SPRINGS = (
+    ("stiffness", "damping", "force_limit"),
+    ("rotational_stiffness", "rotational_damping", "torque_limit"),
+)
+# [m], [rad] of the springs at their limits: a clamp gives way by 0.02 mm, rubber fingers by centimetres. Beyond are
+# slips of a thousand in a unit; so is damping over stiffness, of 1 to 50 ms, beyond the next line [s].
+_STRETCH = (1e-5, 0.3), (5e-4, 3.0)
+_SPENT = 1e-4, 1.0
+_TINY, _FLAT = 1e-4, 0.05  # [m], [deg] of a place in the hand
+
+
 @dataclass(kw_only=True)
 class GraspConfig(Config):
     """Springs of a grasp along and about the axes of the TCP; about x, then the y so turned, then the z."""
 
     stiffness: list[float] = key([1000.0, 1000.0, 2000.0], "along", unit="N/m", bounds="positive", size=3)
     damping: list[float] = key([30.0, 30.0, 60.0], "along", unit="Ns/m", bounds="from 0 to 100000", size=3)
-    force_limit: list[float] = key([20.0, 20.0, 20.0], "along, of what is held", unit="N", bounds="positive", size=3)
+    force_limit: list[float] = key(
+        [20.0, 20.0, 20.0], "along, of what is held", unit="N", bounds="from 0.1 to 1e5", size=3
+    )
     rotational_stiffness: list[float] = key([3.0, 3.0, 3.0], "about", unit="Nm/rad", bounds="positive", size=3)
     rotational_damping: list[float] = key([0.1, 0.1, 0.1], "about", unit="Nms/rad", bounds="from 0 to 1000", size=3)
     torque_limit: list[float] = key([1.0, 1.0, 1.0], "about, of what is held", unit="Nm", bounds="positive", size=3)
@@ -44,6 +58,25 @@ class GraspConfig(Config):
     )
     reach: float = key(0.005, "offset up to which a closing gripper takes the part", unit="m", bounds="from 0 to 0.2")
     reach_deg: float = key(5.0, "angle up to which it does", unit="deg", bounds="from 0 to 180")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for (stiff, damped, limit), (least, most), unit in zip(_SPRINGS, _STRETCH, ("m", "rad"), strict=True):
+            for i, stiffness in enumerate(getattr(self, stiff)):
+                stretch, spent = getattr(self, limit)[i] / stiffness, getattr(self, damped)[i] / stiffness
+                if not least <= stretch <= most:
+                    allowed = (
+                        f"such that {limit} over it is from {least:g} to {most:g} {unit}, not {stretch:.3g} {unit}"
+                    )
+                    raise invalid(f"{stiff}.{i}", stiffness, allowed)
+                if spent and not _SPENT[0] <= spent <= _SPENT[1]:
+                    allowed = f"0, or {_SPENT[0]:g} to {_SPENT[1]:g} s times {stiff}, not {spent:.3g} s"
+                    raise invalid(f"{damped}.{i}", getattr(self, damped)[i], allowed)
+        for name, smallest in (("largest_offset", _TINY), ("reach", _TINY), ("reach_deg", _FLAT)):
+            if 0 < getattr(self, name) < smallest:
+                raise invalid(
+                    name, getattr(self, name), f"at least {smallest:g}" + ", or 0" * (name != "largest_offset")
+                )
 
 
 @dataclass(kw_only=True)

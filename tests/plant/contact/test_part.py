@@ -39,7 +39,7 @@ def test_models_that_are_not_there(model, message):
 def test_springs_need_three_numbers_above_zero():
     with pytest.raises(BadInputError, match=r"stiffness = .*must be three numbers, positive"):
         GraspConfig(stiffness=[1000.0])
-    with pytest.raises(BadInputError, match=r"force_limit.1 = 0.0: must be positive"):
+    with pytest.raises(BadInputError, match=r"force_limit.1 = 0.0: must be from 0.1 to 1e5"):
         GraspConfig(force_limit=[20.0, 0.0, 20.0])
 
 
@@ -85,6 +85,43 @@ def test_millimetres_are_no_metres(part, keys, message):
     with pytest.raises(BadInputError) as caught:
         part(**keys)
     assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        (
+            {"stiffness": [1.0] * 3},
+            "stiffness.0 = 1.0: must be such that force_limit over it is from 1e-05 to 0.3 m, not 20",
+        ),
+        ({"stiffness": [1e6] * 3}, "damping.0 = 30.0: must be 0, or 0.0001 to 1 s times stiffness, not 3e-05 s"),
+        ({"damping": [3e4] * 3}, "damping.0 = 30000.0: must be 0, or 0.0001 to 1 s times stiffness, not 30 s"),
+        (
+            {"force_limit": [2e4] * 3},
+            "stiffness.0 = 1000.0: must be such that force_limit over it is from 1e-05 to 0.3",
+        ),
+        (
+            {"rotational_stiffness": [3e3] * 3},
+            "rotational_stiffness.0 = 3000.0: must be such that torque_limit over it",
+        ),
+        ({"rotational_damping": [100.0] * 3}, "rotational_damping.0 = 100.0: must be 0, or 0.0001 to 1 s times"),
+        ({"torque_limit": [1e3] * 3}, "rotational_stiffness.0 = 3.0: must be such that torque_limit over it"),
+        ({"largest_offset": 2.5e-5}, "largest_offset = 2.5e-05: must be at least 0.0001"),
+        ({"reach": 5e-6}, "reach = 5e-06: must be at least 0.0001, or 0"),
+        ({"reach_deg": 0.005}, "reach_deg = 0.005: must be at least 0.05, or 0"),
+    ],
+)
+def test_a_grasp_that_is_off_by_a_thousand_is_refused(keys, message):
+    with pytest.raises(BadInputError) as caught:
+        GraspConfig(**keys)
+    assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    "keys", [{"damping": [0.0] * 3}, {"stiffness": [1e6] * 3, "damping": [1e3] * 3}, {"reach": 0.0}]
+)
+def test_firm_and_undamped_grasps_are_not(keys):
+    GraspConfig(**keys)
 
 
 class Gripper:
