@@ -21,6 +21,7 @@ from typing import Any, cast
 import yaml
 
 from forcectl.errors import BadInputError
+from forcectl.framework.files.yaml_places import ZeroBeforeError, places
 
 _MOST_VALUES, _MOST_CHARACTERS = 100_000, 500_000  # in one text
 _SHALLOW = 100  # levels
@@ -137,8 +138,7 @@ def _construct_tagged(loader: _Loader, suffix: str, node: yaml.Node) -> Any:
 def _number(node: yaml.ScalarNode) -> str:
     """The text of a number; that of one with a zero before it is octal in YAML 1.1 and decimal in YAML 1.2."""
     if _ZERO_BEFORE.match(node.value):
-        shown = node.value[:40]
-        raise _refusal(node, f"{shown} begins with a zero: write the number without it, or '{shown}' for text")
+        raise ZeroBeforeError(node)
     return node.value
 
 
@@ -199,10 +199,12 @@ def _read(text: str, origin: str) -> Tree:
         if len(values) >= _MOST_VALUES:
             raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values, or an alias that holds itself")
         if isinstance(tree, Tagged) and node is not None:
-            tree.lines = _lines(node)
+            tree.lines = {key: first.start_mark.line + 1 for key, first, _ in places(node)}
         return tree
     except BadInputError:
         raise
+    except ZeroBeforeError as error:
+        raise error.told(node, origin) from None
     except yaml.YAMLError as error:
         raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
     except RecursionError:
@@ -259,19 +261,6 @@ def place(origin: str, lines: Mapping[str, int], key: str) -> str:
     while key and key not in lines:
         key = key.rpartition(".")[0]
     return f"{origin}:{lines[key]}" if key else origin
-
-
-def _lines(root: yaml.Node) -> dict[str, int]:
-    """The line, counted from 1, where each key of a mapping and element of a list stands, by dotted key."""
-    found, waiting = {}, [(root, "")]
-    for node, key in waiting:  # which grows
-        entries = node.value if not isinstance(node, yaml.ScalarNode) else []
-        for i, entry in enumerate(entries):
-            name, part = entry if isinstance(node, yaml.MappingNode) else (None, entry)
-            inner = f"{key}.{name.value if name else i}".removeprefix(".")
-            found[inner] = (name or part).start_mark.line + 1
-            waiting.append((part, inner))
-    return found
 
 
 def _one_line(error: Exception, text: str) -> str:
