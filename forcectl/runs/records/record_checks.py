@@ -16,6 +16,7 @@ _ROUNDED = 0.01  # that a reference model may end off 1, with coefficients in fe
 _REPEATED = 0.5  # rms that a second record may differ from the first by
 _SOFTEST = 100.0  # [N/m] of a contact: softer ones are forces in kN or displacements in mm that are called N and m
 _LATEST = 1.0  # [s] that the force may come after the displacement
+_PULL = 0.1  # of the largest pull, that the largest pressing is at least: noise at rest is less
 _MOVE = 0.02  # [s] over which a move is looked at
 _LEADS = (0.05, 1.5)  # [s] that the force comes early, and times that it fits better there than late: it leads
 _EARLY = 0.1  # [s] K_P over -K_I of a contact with damping, which is quick
@@ -74,10 +75,11 @@ def check_contact(record: Recorded, fit: VrftFit) -> None:
             f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
             "displacement and a positive force; use --flip-input where displacements into the surface are positive"
         )
-    if (largest := float((record.y + record.y_rest).max())) <= 0:
+    force = record.y + record.y_rest
+    if (largest := float(force.max())) <= _PULL * abs(smallest := float(force.min())):
         raise BadInputError(
-            f"{record.origin}: {record.output_name} is at most {largest:.3g} N: pressing must be a positive force: a "
-            "contact cannot pull; take off the offset of the sensor, or turn the signs of force and displacement"
+            f"{record.origin}: {record.output_name} is {smallest:.3g} to {largest:.3g} N: pressing must be a positive "
+            "force: a contact cannot pull; take off the sensor's offset, or turn the signs of force and displacement"
         )
     late = fit.plant.delay * record.period
     early = lead(record)

@@ -37,6 +37,9 @@ _FEWEST, _MOST = 100, 5_000_000  # rows
 _AT_REST = (1e-9, 1e-3)  # of its range that the input may move while it rests; the second where it is measured
 LONG_REST = 20  # samples
 _REST = 0.3  # [s] that a pause must last for the force to follow
+_SMALLEST_MOVE = 1e-5  # [m] of the displacement over the record, below which no robot moves on purpose
+# Share of the range of the force, by which a reading may differ from both beside it, and share of rows; more are noise.
+_ALONE, _FEW = 0.3, 0.01
 _LARGEST = {"displacement": 1.0, "force": 1e4}  # [m], [N], beyond it is no measurement of a robot that presses
 _LONGEST = 1e10  # [s], some 300 years: times may count from 1970
 _SHORTEST_PERIOD = 1e-6  # [s]
@@ -138,6 +141,12 @@ def read_record(
             raise BadInputError(
                 f"{table.origin}: column {column.label} is constant at {column.values[0]:g} in all rows: {what}"
             )
+    if (moves := float(np.ptp(u))) < _SMALLEST_MOVE:
+        raise BadInputError(
+            f"{table.origin}: column {moved.label} moves by {moves:.3g} m in all: must be at least "
+            f"{_SMALLEST_MOVE:g} m; correct the unit, or record larger moves"
+        )
+    _check_readings(table, force, y)
     _check_saturation(table, force, u, y)
     rests = [int(np.argmax(np.abs(u - u[0]) > share * np.ptp(u))) for share in _AT_REST]
     resting = rests[0] if rests[0] >= LONG_REST else rests[1]
@@ -248,6 +257,19 @@ def _check_sampling(table: Columns, time: Array) -> float:
             f"sampling must be regular within {100 * _JITTER:g} %; resample the record"
         )
     return float((time[-1] - time[0]) / (time.size - 1))
+
+
+def _check_readings(table: Columns, column: Column, y: Array) -> None:
+    """Refuse a force with a reading that stands alone."""
+    before, after = y[1:-1] - y[:-2], y[1:-1] - y[2:]
+    alone = np.flatnonzero((before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > _ALONE * np.ptp(y)))
+    if 0 < alone.size <= _FEW * y.size:
+        k = int(alone[0]) + 1
+        raise BadInputError(
+            f"{table.origin} {table.row(k)}, column {column.label}: {column.values[k]:g} stands alone between "
+            f"{column.values[k - 1]:g} and {column.values[k + 1]:g} ({alone.size} such rows): must be a force that "
+            "changes from row to row by less; correct the row"
+        )
 
 
 def _check_saturation(table: Columns, column: Column, u: Array, y: Array) -> None:

@@ -25,7 +25,8 @@ NOISE = 0.5 * np.random.default_rng(0).normal(size=Y.size)
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        (good(**{"force [N]": Y - 26.0}), r"force \[N\] is at most -\d.* N: pressing must be a positive force"),
+        (good(**{"force [N]": 0.05 - Y, "displacement [m]": -U}), r"force \[N\] is -\d.* to 0.05 N: pressing must be"),
+        (good(**{"force [N]": Y - 26.0}), r"force \[N\] is -26 to -\d.* N: pressing must be a positive force"),
         (good(**{"force [N]": 1e-3 * Y}), r"its contact has 5\.9 N/m: must be from 100 to 1e\+08 N/m; is displacement"),
         (good(**{"force [N]": np.roll(Y, -250) + NOISE}), r"force \[N\] moves 0\.[34]\d* s before displacement \[m\]"),
         (good(**{"force [N]": Y[::-1] + NOISE, "displacement [m]": U[::-1]}), r"force \[N\] moves 0\.1\d* s before"),

@@ -139,6 +139,19 @@ def test_faults_are_named_by_row_or_column_with_what_to_do(tmp_path, columns, wo
     assert str(caught.value).startswith("data.csv")
 
 
+def test_a_reading_that_stands_alone_is_told_with_its_row(tmp_path):
+    spiked = Y.copy()
+    spiked[1500] = 300.0
+    with pytest.raises(BadInputError, match=r"data.csv row 1502, column force \[N\]: 300 stands alone between"):
+        read_record(write(tmp_path, good(**{"force [N]": spiked})))
+
+
+def test_metres_that_are_called_millimetres_move_nothing(tmp_path):
+    columns = {"time [s]": TIME, "displacement [mm]": U, "force [N]": Y}
+    with pytest.raises(BadInputError, match=r"displacement \[mm\] moves by 4e-06 m in all: must be at least 1e-05 m"):
+        read_record(write(tmp_path, columns))
+
+
 def test_quantised_steps_after_long_rests_are_not_taken_for_saturation(tmp_path):
     u = -1e-3 * np.repeat([0.0, 1.0, 2.0, 1.0, 2.0, 0.0], 1500)
     y = np.round(lfilter(*contact(5.9e3, (12.6, 12.6), 30), u) / 0.05) * 0.05
