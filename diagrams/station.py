@@ -60,7 +60,7 @@ class StationConfig(Config):
     posture_period: float = key(
         0.04, "how often what depends on the posture only is renewed, whole periods", unit="s", bounds="positive"
     )
-    singularity_limit: float = key(20.0, "largest |J^-1 n| used undamped", unit="rad/m", bounds="positive")
+    singularity_limit: float = key(20.0, "largest |J^-1 n| used undamped", unit="rad/m", bounds="from 0.1 to 1e6")
     drive: Any = slot("drive", PositionDriveConfig, meaning="what the controller commands")
     environment: Any = slot("environment", EnvironmentConfig, meaning="one part, or several: !Parts")
     sensors: dict[str, Any] = slot("sensor", lambda: {"force": WristForceConfig()}, meaning="by name")

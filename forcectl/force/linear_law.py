@@ -29,6 +29,7 @@ from forcectl.plant.plant_model import PlantModel
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 GAIN_UNITS = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivative_gain": "m s/N"}
+_EARLY = 0.1  # [s] K_P over -K_I of a contact with damping, which is quick
 EXCITE, REGULATE = 0.0, 1.0  # values of `mode`
 
 
@@ -208,6 +209,9 @@ class VrftConfig(Config, in_batches=True):
             raise invalid("gains_variant", self.gains_variant, "null without gains_from")
         if self.integral_gain == 0 <= self.proportional_gain and not any(self.fir):
             allowed = "below zero with integral_gain = 0: else the law does not press"
+            raise invalid("proportional_gain", self.proportional_gain, allowed)
+        if self.proportional_gain > (most := -_EARLY * self.integral_gain) and not any(self.fir):
+            allowed = f"at most {most:g} m/N, {_EARLY:g} s times minus integral_gain: pressing is negative"
             raise invalid("proportional_gain", self.proportional_gain, allowed)
 
     def reference_model_bandwidth(self) -> float | None:

@@ -52,7 +52,7 @@ class Tolerance(Config):
     """Allowed distance from a number: the larger of the two."""
 
     absolute: float = key(0.0, "in the unit of the metric", bounds="not negative")
-    relative: float = key(0.0, "of the number", bounds="not negative")
+    relative: float = key(0.0, "of the number", bounds="from 0 to 2")
 
     def width(self, number: float) -> float:
         """Allowed distance from `number`."""
@@ -150,6 +150,9 @@ class Expectation(Config):
                 allowed = f"so that something within {width:g} of it is from {low:g} to {high:g}"
                 raise invalid("published", self.published, allowed)
         check_distinct("fidelities", self.fidelities)
+        for name, why in self.gaps.items():
+            if not why.strip():
+                raise invalid(f"gaps.{name}", why, "the reason, in words")
         for name in self.gaps if self.fidelities else ():
             if name not in self.fidelities:
                 raise invalid(f"gaps.{name}", self.gaps[name], "left out: the line is not judged there")

@@ -55,6 +55,7 @@ _LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, tha
 _FAR = 10.0  # times the torque of a motor
 _LEAST_SHARE = 0.1  # of the desired force, that a governor may keep it below; less is a slip of the unit
 _DEEPEST = 0.3  # [m] into the surface; most laws stop at 0.1, which is a finding of the run
+_LEAST_WAY = 0.01  # of the way to the desired force, that a command may go; less is a slip of the unit
 _ALONG = 0.9  # cosine of the angle from the tool's axis to the normal
 _PARALLEL = 1e-3  # sine of the angle
 
@@ -205,6 +206,10 @@ def _check_frequencies(scenario: Scenario, period: float) -> None:
     if (bandwidth := scenario.reference_model) is not None and bandwidth * period >= 2:
         allowed = f"below {2 / period:g} rad/s, two over the control tick of {period:g} s"
         raise invalid("reference_model", bandwidth, allowed)
+    loop: Any = getattr(scenario.station.drive, "position_loop", None)
+    if loop is not None and loop.bandwidth * period >= np.pi:
+        allowed = f"below {np.pi / period:.4g} rad/s, half the rate of control with its tick of {period:g} s"
+        raise invalid("station.drive.position_loop.bandwidth", loop.bandwidth, allowed)
     for name in ("reference", "motion", "controller"):
         for key, part in configs(getattr(scenario, name), name):
             for name_of, field, value in own_values(part, key, "Hz"):
@@ -258,12 +263,19 @@ def _check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
 
     A limit that is nearer than `_DEEPEST` is one on purpose. Of several laws the deepest limit counts.
     """
-    every = values(scenario.controller, "controller", "m")
+    every = list(values(scenario.controller, "controller", "m"))
     limits = [-value for _, field, value in every if field.name == "lower_limit"]
     largest = scenario.reference.largest_force()
     if not limits or largest <= 0:
         return
     limit = max(_DEEPEST, *limits)
+    compliance = max(
+        (float(contact.robot_compliance + contact.environment_compliance) for contact in contacts), default=0
+    )
+    if max(limits) < (least := _LEAST_WAY * largest * compliance):
+        key, value = next((key, value) for key, field, value in every if field.name == "lower_limit")
+        allowed = f"at most {-least:.2g} m, a hundredth of the way to the largest desired force, {largest:g} N"
+        raise invalid(key, value, allowed)
     guarded = hasattr(scenario.controller, "touch_speed")  # its law begins at the surface
     for contact in contacts:
         environment = contact.environment

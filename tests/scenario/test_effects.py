@@ -49,9 +49,14 @@ WITHOUT_TRACE = [
     ("station: {drive: {servo: {position_gain: 0.001}}}", "station.drive.servo.position_gain = 0.001: must be at leas"),
     ("controller: {integral_gain: 1e-6}", "controller.integral_gain = 1e-06: must be at least 0.01 1/s, one over 20 t"),
     ("controller: !Vrft {reference_bandwidth: 1e6}", "controller.reference_bandwidth = 1000000.0: must be below 1000"),
-    (f"{MOVES} {{speed: 1e-9}}}}", "controller.excitation.speed = 1e-09: must be such that the moves end before 100 s"),
+    (f"{MOVES} {{speed: 1e-6}}}}", "controller.excitation.speed = 1e-06: must be such that the moves end before 100 s"),
     (f"{MOVES} {{rest: 600}}}}", "controller.excitation.rest = 600.0: must be such that the moves end before 100 s, 2"),
     (f"{MOVES} {{depths: [0, 2]}}}}", "controller.excitation.depths.1 = 2.0: must be from -1 to 1"),
+    ("controller: !Vrft {proportional_gain: 1e-3}", "controller.proportional_gain = 0.001: must be at most 2.53e-05 m"),
+    ("controller: {lower_limit: -1e-6}", "controller.lower_limit = -1e-06: must be at most -3e-05 m, a hundredth of"),
+    ("controller: !Invariance {gamma: -1e-9}", "controller.gamma = -1e-09: must be from -1000 to -1e-6"),
+    ("station: {drive: {position_loop: {bandwidth: 7540}}}", "station.drive.position_loop.bandwidth = 7540.0: must be"),
+    ("guard: {retreat_distance: 1, retreat_speed: 0.001}", "guard.retreat_distance = 1.0: must be at most 0.06 m, 60"),
     ("controller: !JointMoves {dither: {amplitude_deg: 0.1, ramp: 9}}", "controller.dither.ramp = 9.0: must be below"),
 ]  # fmt: skip
 # What may look like it, and has an effect, or is said by a preset.

@@ -31,6 +31,7 @@ _FORGOTTEN = 2.0  # [s] after which energy that went into a surface counts for a
 _OVER = 1.2  # of the largest force, that a surface stiffer than the model's may come to
 _LOSSES = 8  # of contact that are no hopping
 _DEEPER = 0.05  # of the range: what a live sensor shows of the way for it
+_LONGEST_RETREAT = 60.0  # [s]
 
 
 @dataclass(kw_only=True)
@@ -80,6 +81,9 @@ class GuardConfig(Config):
         super().__post_init__()
         if self.slow_speed > self.maximum_speed:
             raise invalid("slow_speed", self.slow_speed, f"at most maximum_speed = {self.maximum_speed:g} m/s")
+        if self.retreat_distance > (most := _LONGEST_RETREAT * self.retreat_speed):
+            allowed = f"at most {most:g} m, {_LONGEST_RETREAT:g} s at retreat_speed = {self.retreat_speed:g} m/s"
+            raise invalid("retreat_distance", self.retreat_distance, allowed)
 
     def limits(self, model: PlantModel, index: int = 0) -> GuardLimits:
         """What the guard of a loop goes by.

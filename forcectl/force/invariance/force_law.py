@@ -235,7 +235,9 @@ _Law = TypeVar("_Law", bound=InvarianceForceLaw)
 class InvarianceLimits(Config, LawConfig):
     """What the configurations of laws with this constraint share."""
 
-    gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero", each=True)
+    gamma: float = key(
+        -0.1, "deceleration towards the constraint", unit="m/s^2", bounds="from -1000 to -1e-6", each=True
+    )
     upper_acceleration: float | None = key(
         None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive", each=True
     )

@@ -255,7 +255,9 @@ class FourthDegreeForceLaw(ForceLaw):
 class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
     """Scenario part `!FourthDegreeInvariance`."""
 
-    gamma: float = key(-1e5, "smallest fourth derivative of the force", unit="N/s^4", bounds="below zero", each=True)
+    gamma: float = key(
+        -1e5, "smallest fourth derivative of the force", unit="N/s^4", bounds="from -1e12 to -0.001", each=True
+    )
     upper: float | None = key(
         None, "largest y^(4) of the force; null: -gamma", unit="N/s^4", bounds="positive", each=True
     )

@@ -123,6 +123,9 @@ class MaterialsConfig(Config):
         shortest = min((segment.end - segment.start for segment in ordered[1:-1]), default=math.inf)
         if self.blend > shortest + _CLOSE:
             raise invalid("blend", self.blend, f"at most the shortest segment between two joints, {shortest:g} m")
+        outer = 2 * min(segment.end - segment.start for segment in (ordered[0], ordered[-1]))
+        if len(ordered) > 1 and self.blend > outer + _CLOSE:
+            raise invalid("blend", self.blend, f"at most twice the shorter of the outer segments, {outer:g} m")
 
     def _ordered(self) -> list[SegmentConfig]:
         return sorted(self.segments, key=lambda segment: segment.start)
