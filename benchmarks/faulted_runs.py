@@ -89,7 +89,7 @@ def fitting(base: str, changes: dict[str, Any]) -> Iterator[str]:
 
 
 def _can_be_built(scenario: Scenario) -> bool:
-    """Whether its parts fit: that of an `!Approach` is refused where no guard could hold its first touch."""
+    """Whether its parts fit, and its guard can hold the force of a touch or of a surface that comes closer."""
     from forcectl.errors import BadInputError
     from forcectl.scenario.scenario import build
 
@@ -124,7 +124,9 @@ def drawn(group: Group, number: int, with_fault: bool) -> tuple[Scenario, Scenar
     for index in rng.permutation(len(FAULTS)):
         found = changes_of(FAULTS[index], sound, begin)
         if not isinstance(found, str):
-            return load_scenario(group.base, overrides=changes | found), sound, FAULTS[index], begin
+            faulted = load_scenario(group.base, overrides=changes | found)
+            if FAULTS[index].name != "surface moved" or _can_be_built(faulted):
+                return faulted, sound, FAULTS[index], begin
     raise ValueError(f"{group.name} can have no fault")
 
 

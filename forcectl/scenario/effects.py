@@ -18,6 +18,7 @@ from forcectl.scenario.trees import to_tree
 
 if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
+    from forcectl.plant.contact.surface_moves import SurfaceMoveConfig
     from forcectl.scenario.scenario import Scenario
 
 _SLOW = ("_gain", "_bandwidth", "_rate", "bandwidth")  # ends of keys in 1/s or rad/s that are one over a time
@@ -103,7 +104,7 @@ def _edges(load: LoadConfig) -> Iterator[float]:
 
 
 def check_surfaces(scenario: Scenario, loop: Loop) -> None:
-    """Refuse what a surface has beside its materials, and along a path that nothing takes, and faults of no sensor.
+    """Refuse faults of no sensor, and of a surface: keys beside its materials, heights that nothing takes, fast moves.
 
     Args:
         scenario: as read.
@@ -116,11 +117,12 @@ def check_surfaces(scenario: Scenario, loop: Loop) -> None:
     if station.faults and not any(hasattr(sensor, "velocity_bandwidth") for sensor in station.sensors.values()):
         raise invalid("station.faults", f"{len(station.faults)} faults", "left out without a sensor of the joints")
     at_rest = loop.diagram.HasSubsystemNamed("motion") and scenario.motion.interval() is None
-    for contact in loop.workcell.contacts:
+    for i, contact in enumerate(loop.workcell.contacts):
         surface = contact.surface
         if surface is None:
             continue
         with about(contact.environment):
+            _check_closing(scenario, loop, i, surface.moves)
             if surface.materials is not None:
                 _check_materials(scenario, contact.environment)
             if surface.turning and not (surface.slope or surface.heights):
@@ -129,6 +131,17 @@ def check_surfaces(scenario: Scenario, loop: Loop) -> None:
                 if value := getattr(surface, name):
                     shown = list(value) if name == "heights" else value
                     raise invalid(f"surface.{name}", shown, "left out without a motion along the surface")
+
+
+def _check_closing(scenario: Scenario, loop: Loop, index: int, moves: Sequence[SurfaceMoveConfig]) -> None:
+    """A surface that comes closer leaves the guard time to act."""
+    if scenario.guard is None or "desired_force" not in loop.signals:
+        return
+    truth, links = loop.setting.truth.loop(index), loop.workcell.has_dynamics
+    for i, move in enumerate(moves):
+        if move.distance > 0:
+            key, before = f"surface.moves.{i}.duration", scenario.reference.largest_force()
+            scenario.guard.check_closing(truth, key, move.distance, move.duration, before, links=links)
 
 
 def _check_materials(scenario: Scenario, environment: Any) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.guard.estimate import estimate_of, largest_jump, quiet_bandwidth
-from forcectl.force.guard.first_touch import TURNS, touch_gain
+from forcectl.force.guard.first_touch import BEGINS, TURNS, touch_gain
 from forcectl.force.guard.guard import ControllerGuard
 from forcectl.force.guard.limits import GuardLimits
 from forcectl.force.guard.passes import passes
@@ -149,7 +149,7 @@ class GuardConfig(Config):
         if self.maximum_force is None or not model.size:
             return
         for stiffer, force in ((1.0, self.maximum_force), (self.stiffness_margin, _OVER * self.maximum_force)):
-            gain = touch_gain(model, stiffer)
+            gain = touch_gain(model, TURNS + model.sensor_delay, stiffer=stiffer)
             if gain * speed > force:
                 stiffness = stiffer / float(np.min(model.environment_compliance))
                 margin = f", {stiffer:g} times the model's (guard.stiffness_margin)" if stiffer > 1.0 else ""
@@ -158,6 +158,36 @@ class GuardConfig(Config):
                     f"must be at most {force / gain:.3g} m/s with guard.maximum_force = {self.maximum_force:g} N"
                 )
                 raise BadInputError(fault, key=key)
+
+    def check_closing(
+        self, truth: PlantModel, key: str, way: float, duration: float, force: float, *, links: bool
+    ) -> None:
+        """Refuse a surface that comes closer so fast that it makes more than `maximum_force` before a command acts.
+
+        Args:
+            truth: the plant with the one surface.
+            key: of the duration.
+            way: that it comes closer [m].
+            duration: of it [s].
+            force: that it is pressed with before [N].
+            links: whether they have mass.
+
+        Raises:
+            BadInputError: with the numbers.
+        """
+        if self.maximum_force is None:
+            return
+        acts = BEGINS + truth.sensor_delay
+        more = touch_gain(truth, min(acts, duration), links=links) * way / duration
+        if force + more > self.maximum_force:
+            stiffness, room = 1.0 / float(truth.environment_compliance[0]), max(self.maximum_force - force, 1e-3)
+            fault = (
+                f" = {duration:g} s: {1e3 * way:g} mm closer on {stiffness:.4g} N/m makes {force + more:.3g} N of "
+                f"{force:g} N before any command can act: must be at least "
+                f"{touch_gain(truth, acts, links=links) * way / room:.3g} s with guard.maximum_force = "
+                f"{self.maximum_force:g} N"
+            )
+            raise BadInputError(fault, key=key)
 
     def of_law(self, model: PlantModel, rates: bool = False) -> ControllerGuard:
         """The guard of a force law; `rates`: one that gives the speed of its command, too."""

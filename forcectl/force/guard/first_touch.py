@@ -1,10 +1,11 @@
-"""Force of a first touch, by which a guard says how fast a surface may be approached::
+"""Force of a first touch, by which a guard says how fast a surface may be approached, or may come closer::
 
     M w'' + D w' + K_J w = J'n F,    F = K_E (v t - n'J w),    w = w' = 0 at the touch                 until t = T
 
 The drives move on at the speed v for the time T until sensor, estimate and drives have turned the motion round. The
 links hang on the springs K_J and dampers D of the joints, which w deflects; the surface stops them at once, and so they
-swing around the ramp v t/(C_R + C_E) of the springs alone. F is linear in v; its largest value until T is taken.
+swing around the ramp v t/(C_R + C_E) of the springs alone. F is linear in v; its largest value until T is taken. A
+surface that comes closer at the speed v adds F to the force that is there.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 # T [s]: the drives of the COMAU turn round after 0.021 to 0.030 s on 1e4 to 1e6 N/m.
 TURNS = 0.030
+# T [s] of a surface that comes closer: the drives rest, and begin to go back after 0.008 to 0.015 s.
+BEGINS = 0.015
 _STEP = 2e-4  # [s] in which the largest force is looked for
 
 
@@ -49,24 +52,26 @@ def swinging_gain(mass: Array, damping: Array, springs: Array, row: Array, stiff
     return largest
 
 
-def touch_gain(model: PlantModel, stiffer: float = 1.0) -> float:
-    """Largest force of a first touch per speed of the approach, over all surfaces [N s/m].
+def touch_gain(model: PlantModel, duration: float, *, stiffer: float = 1.0, links: bool = True) -> float:
+    """Largest force of a first touch per speed, over all surfaces [N s/m].
 
     Args:
         model: of the plant.
+        duration: T [s].
         stiffer: how many times as stiff as the model's the surfaces are.
+        links: whether they have mass.
     """
-    late, gains = TURNS + model.sensor_delay, []
+    gains = []
     for i in range(model.size):
         own = model.loop(i)
         compliance, robot_compliance = float(own.environment_compliance[0]) / stiffer, float(own.robot_compliance[0])
-        gains.append(late / (compliance + robot_compliance))
-        if own.robot is not None and robot_compliance > 0:
+        gains.append(duration / (compliance + robot_compliance))
+        if links and own.robot is not None and robot_compliance > 0:
             robot, context = own.robot, own.robot.context_at(own.start)
             row = own.n @ robot.jacobian(context)[3:]
             # Springs that give as much as the robot of the model does, drives that give included.
             springs = robot.joint_stiffness * np.sum(row**2 / robot.joint_stiffness) / robot_compliance
             damping = np.broadcast_to(robot.parameters.transmission_damping, row.shape)
             mass = robot.mass_matrix(context)
-            gains[-1] = max(gains[-1], swinging_gain(mass, damping, springs, row, 1.0 / compliance, late))
+            gains[-1] = max(gains[-1], swinging_gain(mass, damping, springs, row, 1.0 / compliance, duration))
     return max(gains)

@@ -102,6 +102,8 @@ def try_faults(
         kinds.append((tag, None))
         for fault in wanted:
             found = changes_of(fault, one, when)
+            if not isinstance(found, str) and (reason := _refusal(file, names[0], changes | own | found)):
+                found = reason
             if isinstance(found, str):
                 left_out[f"{tag}: {fault.name}"] = found
             else:
@@ -161,12 +163,19 @@ def _controllers(
         if tag not in known:
             raise unknown("controller", tag, known)
         change: Changes = {"controller": Tagged({}, tag)}
-        try:
-            build(resolve(file, variant, changes | change))
-        except BadInputError as error:
-            left_out[tag] = str(error)
+        if reason := _refusal(file, variant, changes | change):
+            left_out[tag] = reason
         else:
             yield tag, change
+
+
+def _refusal(file: ScenarioFile, variant: str, changes: Changes) -> str:
+    """Why a scenario with these changes cannot be built; "" where it can."""
+    try:
+        build(resolve(file, variant, changes))
+    except BadInputError as error:
+        return str(error)
+    return ""
 
 
 def _responses(
