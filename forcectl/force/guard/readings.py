@@ -68,6 +68,7 @@ class LoopMemory(NamedTuple):
         shown: depth behind the lag of the estimate [m].
         own: rate that its way explains [N/s].
         wary: whether the force was about to be too large before.
+        seen: depth of the command that equal readings show, behind the same lag as `slow` [m].
     """
 
     fault: float = 0.0
@@ -96,6 +97,7 @@ class LoopMemory(NamedTuple):
     shown: float = 0.0
     own: float = 0.0
     wary: float = 0.0
+    seen: float = 0.0
 
 
 LOOP = len(LoopMemory._fields)
@@ -154,6 +156,9 @@ def read(
     coming = estimate + limits.ahead * (max(rate, 0.0) - explained)
     unseen = max((shown - depth) / limits.compliance, limits.turn * explained)
     coming += min(unseen, limits.ahead * explained)
+    # What readings that repeat themselves do not show of the way of the command.
+    seen = last.seen if same else slow
+    blind = good + (seen - depth) / limits.compliance
     aim, fault, fast, wary = min(asked, _RELEASED * limits.force), Cause.NONE, 0.0, last.wary
     if coming > (_WARY if wary else 1.0) * limits.force:
         fast = limits.compliance * min(estimate - aim + _LEAP * limits.ahead * max(rate, 0.0), _MOST * limits.force)
@@ -162,7 +167,9 @@ def read(
         fault = Cause.CONTACT
     elif energy > limits.energy:
         fault = Cause.ENERGY
-    elif same > TOGETHER and (same >= limits.same or (good > 0.0 and anchor - depth > limits.deeper)):
+    elif same > TOGETHER and (
+        same >= limits.same or (good > 0.0 and (anchor - depth > limits.deeper or blind > limits.force))
+    ):
         fault = Cause.FROZEN
     elif asked > 0.0 and worth > limits.force and good < limits.response * worth:
         fault = Cause.RESPONSE
@@ -176,7 +183,7 @@ def read(
     # By the order of the fields, as names take twice the time.
     readings = (good, verdict.before, missed, measured, last.raw, verdict.together, same, anchor, asked, unasked)
     contact = (felt, touches, losses, slow, zero, energy)
-    return LoopMemory(fault, released, *readings, one, two, estimate, rate, *contact, fast, shown, own, wary)
+    return LoopMemory(fault, released, *readings, one, two, estimate, rate, *contact, fast, shown, own, wary, seen)
 
 
 class _Verdict(NamedTuple):

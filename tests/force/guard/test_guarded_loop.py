@@ -286,6 +286,17 @@ def test_a_stiff_surface_that_comes_closer_is_left_in_time(maximum):
     assert RETREAT + 50 in signal(run, "status")
 
 
+@pytest.mark.parametrize(("stiffness", "start"), [(9e4, 0.1), (2e5, 0.1), (2e5, 0.06)])
+def test_a_sensor_that_freezes_while_the_command_goes_on_is_held_by_the_way(stiffness, start):
+    """10 N are asked and 14 N allowed; until the sensor had been frozen for 0.1 s they came to 17 and 19.8 N."""
+    sensors = {"force": WristForceConfig(faults=[ForceFaultConfig(kind="frozen", start=start)])}
+    station = {"fidelity": "OneDimensional", "environment": {"stiffness": stiffness}, "sensors": sensors}
+    changes = {"reference": {"force": 10.0}, "guard": GuardConfig(maximum_force=14.0)}
+    run = outcome(fc.force.AdaptiveAdmittanceConfig(), 0.5, station=station, **changes)
+    assert signal(run, "contact_force").max() < 1.2 * 14.0
+    assert signal(run, "status")[-1] // 10 % 10 == 2
+
+
 @pytest.mark.parametrize(("energy", "status"), [(1e-3, RETREAT + 80), (2.0, 0)])
 def test_energy_that_goes_into_a_surface_is_bounded(energy, status):
     """The law goes after a surface that gives way at 5 mm/s under 15 N."""
