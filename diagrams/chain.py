@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from forcectl.diagrams.model import Setting
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, about
-from forcectl.force.chain import ForceChain
+from forcectl.force.chain import ForceChain, Margins
 from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.linear_batch import state_space
 from forcectl.plant.plant_model import PlantModel
@@ -30,15 +31,16 @@ def force_chain(law: Any, parts: Any, setting: Setting, index: int, share: float
         index: of the contact.
         share: of the contact's stiffness that the law feels, see `forcectl.force.slot`.
     """
-    workcell, period = setting.workcell, setting.truth.period
+    workcell = setting.workcell
     pressing = partial(_pressing, workcell, workcell.contacts[index])
-    return ForceChain(_measuring(parts, setting), law.sampled_response(period) * share, pressing)
+    response = law.sampled_response(setting.model.loop(index))
+    return ForceChain(_measuring(parts, setting), response * share, pressing)
 
 
 def check_stability(parts: Any, setting: Setting) -> None:
     """Refuse a scenario whose force loop is unstable on a surface that it names.
 
-    Looked at are all force laws with a `sampled_response`, such as `!Admittance`, alone or within parts that say their
+    Looked at are the force laws that say `must_be_stable`, `!Admittance`, alone or within parts that say their
     `force_laws`: behind `!Approach`, `!Governed` or `!Passive`, of one arm, in a direction of `!Hybrid`. The law that
     `!InvarianceControl` corrects is not: together with its correction it is no linear system.
 
@@ -51,12 +53,66 @@ def check_stability(parts: Any, setting: Setting) -> None:
     """
     for index, contact in enumerate(setting.workcell.contacts):
         for law, share in _laws(parts.controller, setting.truth.loop(index)):
+            if not getattr(law, "must_be_stable", False):
+                continue
             chain = force_chain(law, parts, setting, index, share)
             for key, stiffness in _named(contact).items():
                 if chain.is_stable(stiffness):
                     continue
                 with about(contact.environment):
                     raise BadInputError(_fault(chain, law, stiffness, setting.truth.period), key=key)
+
+
+@dataclass(frozen=True)
+class LoopMargins(Margins):
+    """Margins of one force loop.
+
+    Attributes:
+        contact: name of the environment's part.
+        law: tag of the force law.
+        key: of the stiffness, within that part.
+        stiffness: of the contact [N/m].
+    """
+
+    contact: str
+    law: str
+    key: str
+    stiffness: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON; None for what is infinite, or is not."""
+        return {name: value if _finite(value) else None for name, value in vars(self).items()}
+
+    def __str__(self) -> str:
+        where = f"Without friction, !{self.law} on {self.stiffness:.4g} N/m ({self.contact}):"
+        largest = f"up to {self.largest_stiffness:.4g} N/m" if self.largest_stiffness < math.inf else "on any surface"
+        if not self.stable:
+            return f"{where} unstable; stable {largest}, or with {self.gain:.3g} times the gain"
+        names = {"gain": "times", "phase": "deg", "delay": "s"}
+        margins = {name: getattr(self, name) for name in names}
+        told = [f"{name} {value:.3g} {names[name]}" for name, value in margins.items() if _finite(value)]
+        return f"{where} stable, and {largest}; margins: {', '.join(told) or 'any'}"
+
+
+def loop_margins(parts: Any, setting: Setting) -> list[LoopMargins]:
+    """Stability margins of the linear force laws of a scenario, on each surface that it names.
+
+    Left out are laws whose gains are found before the run.
+
+    Args:
+        parts: of the loop, `LoopParts`.
+        setting: of the loop.
+    """
+    found = []
+    for index, contact in enumerate(setting.workcell.contacts):
+        for law, share in _laws(parts.controller, setting.truth.loop(index)):
+            if getattr(law, "gains_from", None) is not None:
+                continue
+            chain, tag = force_chain(law, parts, setting, index, share), type(law).__name__.removesuffix("Config")
+            for key, stiffness in _named(contact).items():
+                margins = vars(chain.margins(stiffness))
+                found.append(LoopMargins(**margins, contact=contact.name, law=tag, key=key, stiffness=stiffness))
+    return found
 
 
 def _fault(chain: ForceChain, law: Any, stiffness: float, period: float) -> str:
@@ -68,6 +124,10 @@ def _fault(chain: ForceChain, law: Any, stiffness: float, period: float) -> str:
         f" = {stiffness:g} N/m is unstable with inertia = {law.inertia:g} kg and damping = {law.damping:g} N s/m: the "
         f"largest pole of the sampled loop is {radius} at a tick of {period:g} s: must be {other}"
     )
+
+
+def _finite(value: Any) -> bool:
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def _below(value: float) -> str:

@@ -3,6 +3,7 @@ from forcectl.errors import ForcectlError as ForcectlError
 from forcectl.errors import RunFailedError as RunFailedError
 from forcectl.runs.entry import check as check
 from forcectl.runs.entry import graph as graph
+from forcectl.runs.entry import margins as margins
 from forcectl.runs.reproduce import reproduce as reproduce
 from forcectl.runs.result import InterruptedRunError as InterruptedRunError
 from forcectl.runs.result import RunResult as RunResult

@@ -89,22 +89,25 @@ def check(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Examine a diagram: wiring, direct feedthrough, algebraic loops, sample periods and delays.
+    """Examine a diagram: wiring, feedthrough, algebraic loops, periods, delays; stability margins of a scenario.
 
     Without --variant the first one is examined, and the others are built.
 
     Example: forcectl check fig_2_7 --from station.measured_force --to station.joint_position_command
     """
-    from forcectl.cli.target import named_assumptions, named_code, named_diagram, named_gains
+    from forcectl.cli.target import named_assumptions, named_code, named_diagram, named_gains, named_margins
     from forcectl.doctor import examine, render
     from forcectl.scenario.catalog import passed_over
 
     _, diagram = named_diagram(scenario, variant, settings, fidelity, allow_imports, whole=True)
     report = examine(diagram, sensor=source, command=target, scheme=scheme)
+    margins = named_margins(scenario, variant, settings, fidelity, allow_imports)
     if as_json:
-        echo_json(report.to_dict())
+        echo_json({**report.to_dict(), "margins": [each.to_dict() for each in margins]})
     elif not quiet:
         render(report, terminal(), verbose=verbose)
+        for each in margins:
+            typer.echo(each)
         found = named_gains(scenario, variant, settings, fidelity, allow_imports)
         for line in (*named_code(scenario, settings), *found):
             typer.echo(line)

@@ -10,13 +10,14 @@ from typing import Any
 
 from pydrake.systems.framework import System
 
+from forcectl.diagrams.chain import LoopMargins
 from forcectl.doctor.loops import loop_behind
 from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.imports import Imports
 from forcectl.framework.wiring import made_by
 from forcectl.framework.yaml_tree import nest, parse
 from forcectl.inspect.names import said_type
-from forcectl.runs.entry import first_built
+from forcectl.runs.entry import first_built, margins
 from forcectl.runs.run import assumed_of
 from forcectl.scenario.code import code_in, said
 from forcectl.scenario.error_keys import located
@@ -122,6 +123,19 @@ def named_gains(
     file = as_file(target, allow or ())
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
     return gains_lines(resolve(file, select_variants(file, variant)[0], overrides))
+
+
+def named_margins(
+    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
+) -> list[LoopMargins]:
+    """Stability margins of a scenario; none of an import path.
+
+    Args: as for `named_diagram`.
+    """
+    if ":" in target and not os.path.exists(Path(target)):
+        return []
+    overrides = parse_settings(settings)
+    return margins(target, variant=variant, overrides=overrides, fidelity=fidelity, allow_imports=allow or ())
 
 
 def named_code(target: str, settings: Iterable[str] | None) -> list[str]:

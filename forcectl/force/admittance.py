@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -258,6 +258,7 @@ class AdmittanceConfig(Config):
     The default is an integral law with K_I = 1.2 1/s on the springs of 5.9e3 N/m.
     """
 
+    must_be_stable: ClassVar = True  # see `forcectl.force.slot`
     inertia: float = key(40.0, "H of the filter", unit="kg", bounds="positive")
     damping: float = key(
         4000.0, "D of the filter; a force error moves the tool at its D-th part", unit="N s/m", bounds="positive"
@@ -302,12 +303,9 @@ class AdmittanceConfig(Config):
         )
         return AdmittanceForceLaw(admittance, generator, from_command=self.arrangement == "increment")
 
-    def sampled_response(self, period: float) -> StateSpace:
-        """From the measured force to displacement and rate of the command, without limits and at rest.
-
-        A loop with this law is refused when it is unstable, see `forcectl.force.chain`.
-        """
-        return admittance_response(self.inertia, self.damping, period, self.arrangement)
+    def sampled_response(self, model: PlantModel) -> StateSpace:
+        """From the measured force to displacement and rate of the command, without limits and at rest."""
+        return admittance_response(self.inertia, self.damping, model.period, self.arrangement)
 
     def reference_model_bandwidth(self) -> float | None:
         """None: K_I depends on the surface."""

@@ -3,7 +3,9 @@
     contact force --> sensor or estimate --> law --> drive, robot, contact of the stiffness K --> contact force
 
 It is stable when all its eigenvalues are inside the unit circle. The conditions (6.7) are those of a chain of the
-admittance alone, without the lag of sensor and drive: they let unstable loops pass.
+admittance alone, without the lag of sensor and drive: they let unstable loops pass. How far a stable loop is from being
+unstable is told by its margins: of the stiffness and of the gain by eigenvalues, of phase and delay by the frequency
+response L of the loop that is cut open, where its size is 1.
 
 What is left out: friction, quantisation, limits and the loss of contact, which do not act in the small or hold the
 motion back, and the inertia of the links behind elastic joints.
@@ -24,6 +26,28 @@ if TYPE_CHECKING:
 # A pole nearer to the unit circle than that is not called stable: it would decay over a billion ticks.
 _MARGIN = 1e-9
 _DECADES, _PER_DECADE, _HALVINGS = 6, 5, 24
+_LOWEST, _POINTS = 1e-6, 600  # of the frequencies that are looked at, in parts of half the sampling frequency
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far a loop is from being unstable; infinite where nothing makes it so.
+
+    Attributes:
+        stable: whether it is stable.
+        largest_stiffness: of the contact, up to which it is, or would be, stable; 0 if never [N/m].
+        gain: what the loop gain may be multiplied by; below 1 what it must be, 0 if nothing helps [1].
+        phase: that may be lost [deg]; NaN of an unstable loop.
+        delay: that may be added [s]; NaN of an unstable loop.
+        crossover: the frequency at which that is so [Hz]; NaN of an unstable loop, and without one.
+    """
+
+    stable: bool
+    largest_stiffness: float
+    gain: float
+    phase: float
+    delay: float
+    crossover: float
 
 
 @dataclass(frozen=True)
@@ -46,9 +70,11 @@ class ForceChain:
         Args:
             stiffness: K of the contact [N/m].
         """
-        once_around = self.pressing(stiffness) * self.law * self.sensor
-        poles: NDArray[np.complex128] = np.linalg.eigvals(once_around.A + once_around.B @ once_around.C)
-        return poles
+        return _closed(self.once_around(stiffness), 1.0)
+
+    def once_around(self, stiffness: float) -> StateSpace:
+        """From the contact force to itself, around a loop that is cut open there [1]; `stiffness`: see `poles`."""
+        return self.pressing(stiffness) * self.law * self.sensor
 
     def spectral_radius(self, stiffness: float) -> float:
         """The largest absolute value of a pole [1]; the loop is stable below 1."""
@@ -62,17 +88,65 @@ class ForceChain:
         """The contact stiffness [N/m] up to which the loop is stable.
 
         Args:
-            stiffness: at which it is not [N/m]. Looked at is what is below, down to a millionth.
+            stiffness: from which on it is looked for [N/m]: above it up to a million times where the loop is stable,
+                else below it, down to a millionth.
 
         Returns:
-            0.0 if it is unstable for every stiffness.
+            0.0 if it is unstable for every stiffness, infinity if it is stable for every one.
         """
-        below = stiffness * np.logspace(-_DECADES, 0, _DECADES * _PER_DECADE + 1)
-        last = next(i for i, each in enumerate(below) if each == stiffness or not self.is_stable(each))
+        return _limit(self.is_stable, stiffness)
+
+    def margins(self, stiffness: float) -> Margins:
+        """How far the loop is from being unstable, with a contact of this stiffness [N/m]."""
+        around, stable = self.once_around(stiffness), self.is_stable(stiffness)
+        gain = _limit(lambda factor: bool(np.abs(_closed(around, factor)).max() < 1.0 - _MARGIN), 1.0)
+        phase, delay, crossover = _crossing(around) if stable else (np.nan, np.nan, np.nan)
+        return Margins(stable, self.largest_stiffness(stiffness), gain, phase, delay, crossover)
+
+
+def _closed(around: StateSpace, factor: float) -> NDArray[np.complex128]:
+    """Poles of the loop with this factor in it."""
+    poles: NDArray[np.complex128] = np.linalg.eigvals(around.A + factor * around.B @ around.C)
+    return poles
+
+
+def _limit(stable: Callable[[float], bool], start: float) -> float:
+    """The value up to which something is stable, looked for from `start` on; 0.0 if it never is, else infinity."""
+    if stable(start):
+        tried = start * np.logspace(0, _DECADES, _DECADES * _PER_DECADE + 1)
+        last = next((i for i, each in enumerate(tried) if not stable(each)), None)
+        if last is None:
+            return np.inf
+    else:
+        tried = start * np.logspace(-_DECADES, 0, _DECADES * _PER_DECADE + 1)
+        last = next(i for i, each in enumerate(tried) if each == start or not stable(each))
         if last == 0:
             return 0.0
-        stable, unstable = below[last - 1], below[last]
+    good, bad = tried[last - 1], tried[last]
+    for _ in range(_HALVINGS):
+        middle = np.sqrt(good * bad)
+        good, bad = (middle, bad) if stable(middle) else (good, middle)
+    return float(good)
+
+
+def _crossing(around: StateSpace) -> tuple[float, float, float]:
+    """Phase margin [deg], delay margin [s] and the frequency of the delay margin [Hz] of a stable loop."""
+    period, eye = around.dt, np.eye(len(around.A))
+
+    def response(frequency: float) -> complex:
+        z = np.exp(1j * frequency * period)
+        return -complex((around.C @ np.linalg.solve(z * eye - around.A, around.B)).item())
+
+    frequencies = np.pi / period * np.logspace(np.log10(_LOWEST), 0, _POINTS)
+    above = np.array([abs(response(each)) for each in frequencies]) > 1.0
+    phase, delay, crossover = np.inf, np.inf, np.nan
+    for i in np.flatnonzero(above[1:] != above[:-1]):
+        low, high = frequencies[i], frequencies[i + 1]
         for _ in range(_HALVINGS):
-            middle = np.sqrt(stable * unstable)
-            stable, unstable = (middle, unstable) if self.is_stable(middle) else (stable, middle)
-        return float(stable)
+            middle = np.sqrt(low * high)
+            low, high = (middle, high) if (abs(response(middle)) > 1.0) == above[i] else (low, middle)
+        left = np.pi + np.angle(response(low))  # of phase until -1, from 0 to 2 pi
+        phase = min(phase, np.degrees(min(left, 2 * np.pi - left)))
+        if left / low < delay:
+            delay, crossover = left / low, low / (2 * np.pi)
+    return float(phase), float(delay), float(crossover)

@@ -8,8 +8,8 @@ The minus sign goes with F = -dx/C_T (2.8). e(.) is an optional dead zone agains
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,9 @@ from forcectl.framework.fields import Config, key
 from forcectl.framework.linear_batch import sampled_system
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 
 def dead_zone(error: BatchValue, width: BatchValue, m: Any = np) -> BatchValue:
@@ -170,6 +173,11 @@ class IntegralConfig(IntegralLawConfig, in_batches=True):
             believes: whether its model has `compliance_error` times the total compliance; else that is a port.
         """
         return self.law(model, self.compliance_error * model.total_compliance if believes else None, limited=False)
+
+    def sampled_response(self, model: PlantModel) -> StateSpace:
+        """From the measured force to displacement and rate of the command, beyond the dead zone."""
+        law = replace(self, dead_zone=0.0).law(model, self.compliance_error * model.total_compliance)
+        return law.sampled_response()
 
     def linear_law(self, model: PlantModel) -> LinearIntegralForceLaw | None:
         """The block without limits as a linear system; None with a dead zone."""

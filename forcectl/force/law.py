@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,9 +12,15 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import BatchParameter, BatchValue, check_order
+from forcectl.framework.linear_batch import state_space
 from forcectl.framework.sampled_block import SampledBatch
 from forcectl.framework.wiring import input_names, output_names
 from forcectl.plant.plant_model import PlantModel
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
+
+_SMALL = 1e-9  # [m, N, m/s] of what a law remembers and reads, within all limits
 
 
 def require_force_law(law: System, inputs: Iterable[str]) -> None:
@@ -100,6 +106,32 @@ class ForceLaw(SampledBatch):
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """The limits are in order."""
         check_order("lower_limit", "upper_limit", values)
+
+    def sampled_response(self) -> StateSpace:
+        """From the measured force to [command, its rate] within the limits, of a linear law of one loop, n = 1.
+
+        The rate, which no drive uses, is zero. The matrices are what a little of each quantity makes of it in a tick.
+        """
+        context = self.CreateDefaultContext()
+        rest = dict.fromkeys(self._inputs, 0.0)
+        start = self.step(context, self.held(context), rest) | {"time": 0.0}
+        packed = self._pack(start)
+        numbers = range(1, len(packed))  # the first one is the time
+
+        def after(state: NDArray[np.float64], force: float) -> NDArray[np.float64]:
+            memory = self.step(context, self._unpack(state), rest | {"measured_force": force})
+            return (self._pack(memory | {"time": 0.0}) - packed)[1:] / _SMALL
+
+        a = np.transpose([after(packed + _SMALL * np.eye(len(packed))[i], 0.0) for i in numbers])
+        b = after(packed, _SMALL)[:, None]
+        # What the force does not reach stays as it is: the lag of the desired force, an adaptation of rate zero.
+        moved = b[:, 0] != 0.0
+        for _ in numbers:
+            moved = moved | (np.abs(a) @ moved > 0.0)
+        command = np.flatnonzero(moved).tolist().index(self._numbers.index("displacement_command") - 1)
+        a, b = a[np.ix_(moved, moved)], b[moved]
+        pick = np.vstack([np.eye(len(a))[command], np.zeros(len(a))])
+        return state_space(a, b, pick @ a, pick @ b, self._period)
 
 
 class LawConfig:

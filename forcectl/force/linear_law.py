@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +27,9 @@ from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 GAIN_UNITS = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivative_gain": "m s/N"}
@@ -239,6 +243,10 @@ class VrftConfig(Config, in_batches=True):
             upper_limit=self.upper_limit,
             period=model.period,
         )
+
+    def sampled_response(self, model: PlantModel) -> StateSpace:
+        """From the measured force to displacement and rate of the command."""
+        return self.law(model).sampled_response()
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the law."""

@@ -26,10 +26,10 @@ A force law is made a controller of joints by the kinematic inversion. Everythin
 Let outputs be feedthrough at the tick and held, as `SampledBlock` does: the robot then takes the command of a tick in
 that tick; what is a state of the filler it takes one tick later.
 
-A configuration of a force law with `sampled_response(period)`, the law as a linear system, is refused where the sampled
-loop is unstable, see `forcectl.force.chain`. It is also found within others that say what is in them: their
-`force_laws(model)`, of the model of one force loop, returns pairs of a law and its share of the contact's stiffness,
-from 0 to 1.
+Of a configuration of a force law with `sampled_response(model)`, the law as a linear system in one force loop,
+`forcectl check` tells the stability margins, see `forcectl.force.chain`; with `must_be_stable` it is refused where the
+sampled loop is unstable, and has the attributes `inertia` and `damping`. It is also found within others that say what
+is in them: their `force_laws(model)` returns pairs of a law and its share of the contact's stiffness, from 0 to 1.
 """
 
 from __future__ import annotations

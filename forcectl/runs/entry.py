@@ -8,12 +8,14 @@ from typing import Any
 
 from pydrake.systems.framework import Context, Diagram, System
 
+from forcectl.diagrams.chain import LoopMargins, loop_margins
 from forcectl.doctor import Report, examine
 from forcectl.errors import BadInputError
 from forcectl.graph.export import Graph, MachineGraph
 from forcectl.graph.export import graph as draw
 from forcectl.inspect.ports import PortName
 from forcectl.scenario.catalog import ScenarioFile
+from forcectl.scenario.error_keys import located
 from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import (
     ONE_SCENARIO,
@@ -80,6 +82,40 @@ def check(
     """
     system, _ = _system(scenario, variant, overrides, seed, fidelity, allow_imports, whole=True)
     return examine(system, sensor=sensor, command=command, scheme=scheme)
+
+
+def margins(
+    scenario: str | Path | Mapping[str, Any] | Scenario,
+    *,
+    variant: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    fidelity: str | None = None,
+    allow_imports: Sequence[str] = (),
+) -> list[LoopMargins]:
+    """How far the force loops of a scenario are from being unstable, by the linear systems of their parts.
+
+    Of a scenario with variants the first one is examined. Friction, limits and the inertia of links behind elastic
+    joints are left out; so are laws that are no linear system, or whose gains are found before the run. Of a law behind
+    `!Governed`, `!Passive` or `!Approach` they are those of the law alone.
+
+    Args:
+        scenario: name, path, mapping or `Scenario`.
+        variant, overrides, seed, fidelity, allow_imports: see `load_scenario`.
+
+    Returns:
+        One for each law, surface and stiffness that the scenario names.
+
+    Raises:
+        BadInputError: the scenario cannot be used.
+    """
+    file, changes = as_file(scenario, allow_imports), with_shortcuts(overrides, seed, fidelity)
+    name = select_variants(file, variant)[0]
+    one, where = resolve(file, name, changes), origins(file, name, changes)
+    try:
+        return loop_margins(one.parts, one.setting())
+    except BadInputError as error:
+        raise located(one, error, where) from error.__cause__
 
 
 def first_built(

@@ -306,13 +306,15 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
         try:
             scenario = resolve(study.file, study.variant, changes)
             if number < len(study.arms):
-                tree = to_tree(scenario)
-                if twin := next((name for name, other in arms.items() if equal(tree, other)), None):
+                arms[trial.arm] = tree = to_tree(scenario)
+                twin = next(name for name, other in arms.items() if equal(tree, other))
+                if twin != trial.arm:
                     text = f" makes the same scenario as arm {twin!r}: must change something else"
                     raise BadInputError(text, key=f"arms.{trial.arm}")
-                arms[trial.arm] = tree
                 loop = build(scenario, origins(study.file, study.variant, changes))
-                own_metrics = own_metrics or any(map(_is_own, scenario.analyses.values()))
+                # Metrics of an analysis of the user's are known once there is a log.
+                rooms = [type(each).__module__ for each in scenario.analyses.values()]
+                own_metrics = own_metrics or not all(room.startswith("forcectl.") for room in rooms)
                 if hasattr(scenario.controller, "machine"):
                     modes |= dict.fromkeys(mode.name for mode in scenario.controller.machine().modes)
                 for name in study.config.envelope:
@@ -321,11 +323,6 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
         except BadInputError as error:
             raise _placed(error, study, trial, sweep) from error.__cause__
     _check_metrics(study.config, own_metrics, list(modes))
-
-
-def _is_own(analysis: Any) -> bool:
-    """Whether an analysis is of a class of the user's, whose metrics are known once there is a log."""
-    return not type(analysis).__module__.startswith("forcectl.")
 
 
 def unknown_metrics(config: SweepConfig) -> dict[str, str]:

@@ -22,6 +22,7 @@ g Ts/(1 + g Ts), stable if and only if::
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +33,9 @@ from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 
 class DisturbanceObserverForceLaw(ForceLaw):
@@ -138,3 +142,7 @@ class DisturbanceObserverConfig(Config, LawConfig, in_batches=True):
             upper_limit=self.upper_limit,
             period=model.period,
         )
+
+    def sampled_response(self, model: PlantModel) -> StateSpace:
+        """From the measured force to displacement and rate of the command."""
+        return self.law(model, self.compliance_error * model.total_compliance).sampled_response()

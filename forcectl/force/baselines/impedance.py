@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,6 +44,9 @@ from forcectl.framework.batch import BatchParameter, BatchValue, check
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 
 class ImpedanceForceLaw(ForceLaw):
@@ -167,6 +171,10 @@ class AdaptiveAdmittanceConfig(Config, in_batches=True):
             period=model.period,
         )
 
+    def sampled_response(self, model: PlantModel) -> StateSpace:
+        """From the measured force to displacement and rate of the command."""
+        return self.law(model).sampled_response()
+
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the law."""
         return builder.AddNamedSystem("force_law", self.law(model))
@@ -205,6 +213,10 @@ class ImpedanceConfig(Config, in_batches=True):
             upper_limit=self.upper_limit,
             period=model.period,
         )
+
+    def sampled_response(self, model: PlantModel) -> StateSpace:
+        """From the measured force to displacement and rate of the command."""
+        return self.law(model).sampled_response()
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the law."""
