@@ -1,4 +1,4 @@
-"""One key of a sweep and the values that it takes: a list, or a distribution.
+"""The keys of a sweep, the values that each takes, a list or a distribution, and the points that are drawn of them.
 
 Distributions have the tags and keys of `pydrake.common.schema` (`!Deterministic`, `!Gaussian`, `!Uniform`,
 `!UniformDiscrete`), and `!LogUniform {min, max}` for what spans decades. From Python they may be Drake's objects.
@@ -6,8 +6,9 @@ Distributions have the tags and keys of `pydrake.common.schema` (`!Deterministic
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,10 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common import schema
 from scipy import stats
+from scipy.stats import qmc
 
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import Tagged, Tree, dump, is_object, plain
 from forcectl.scenario.trees import part_tree
+from forcectl.sweeps.sweep_config import SweepConfig
 
 # Tag -> its keys.
 DISTRIBUTIONS: dict[str, tuple[str, ...]] = {
@@ -29,6 +33,9 @@ DISTRIBUTIONS: dict[str, tuple[str, ...]] = {
     "LogUniform": ("min", "max"),
 }
 _OF_DRAKE = (schema.Deterministic, schema.Gaussian, schema.Uniform, schema.UniformDiscrete)
+MOST_TRIALS = 10_000_000
+_CHUNK = 4096  # points that are drawn at once where conditions refuse some
+_GIVE_UP = 20  # as many draws as wanted points, and no point more
 _WITHIN = 1e-12  # quantiles of 0 and 1 may be infinite
 
 
@@ -168,3 +175,86 @@ def is_plain(value: Any) -> bool:
     if isinstance(value, Mapping):
         return getattr(value, "given", None) is None and all(map(is_plain, value.values()))
     return all(map(is_plain, value)) if isinstance(value, list | tuple) else True
+
+
+def draw(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) -> tuple[NDArray[np.float64], int]:
+    """The points of a sweep, and how many were left out because of the conditions.
+
+    Args:
+        config: with the design.
+        axes: the varied keys.
+        conditions: on their values; random and Sobol points go on until as many meet them as are wanted.
+
+    Raises:
+        BadInputError: no point meets the conditions, or a key does not suit the design.
+    """
+    if config.design == "grid":
+        for axis in axes:
+            if axis.distribution:
+                raise BadInputError(
+                    " is a distribution: must be a list of values in a grid, or name another design",
+                    key=f"keys.{axis.key}",
+                )
+        if (size := math.prod(len(axis.values) for axis in axes)) > MOST_TRIALS:
+            raise BadInputError(f"the grid has {size} points: must be at most {MOST_TRIALS}", key="keys")
+        points = np.array(list(itertools.product(*(range(len(axis.values)) for axis in axes))), dtype=float)
+        kept = points[_meeting(points, axes, conditions)]
+        if not len(kept):
+            raise invalid("constraints", config.constraints, "met by at least one point")
+        return kept, len(points) - len(kept)
+    wanted, size = config.trials or 1, len(axes)
+    if config.design == "saltelli":
+        return _saltelli(config, axes, conditions), 0
+    found, drawn = np.empty((0, size)), 0
+    for uniform in _uniform(config, size, bool(conditions)):
+        points = np.column_stack([axis.draw(column) for axis, column in zip(axes, uniform.T, strict=True)])
+        meeting = _meeting(points, axes, conditions)[: wanted - len(found)]
+        found = np.concatenate([found, points[meeting]])
+        drawn += int(meeting[-1]) + 1 if len(found) == wanted else len(points)
+        if len(found) == wanted or drawn > _GIVE_UP * max(wanted, _CHUNK):
+            break
+    if not len(found) or (len(found) < wanted and config.design != "latin_hypercube"):
+        met = f"{len(found)} of {drawn} points meet them"
+        raise invalid("constraints", config.constraints, f"met by {wanted} points, but {met}")
+    return found, drawn - len(found)
+
+
+def _uniform(config: SweepConfig, size: int, conditions: bool) -> Iterator[NDArray[np.float64]]:
+    """Points in the unit cube, in pieces."""
+    generator, wanted = np.random.default_rng(config.seed), config.trials or 1
+    if config.design == "latin_hypercube":
+        yield qmc.LatinHypercube(size, seed=generator).random(wanted)
+        return
+    sobol = qmc.Sobol(size, seed=generator) if config.design == "sobol" else None
+    while True:
+        count = max(wanted, _CHUNK) if conditions else wanted
+        # Sobol points come in powers of two; of the last ones those that are too many are left out.
+        yield generator.random((count, size)) if sobol is None else sobol.random_base2((count - 1).bit_length())
+
+
+def _meeting(points: NDArray[np.float64], axes: list[Axis], conditions: list[Expression]) -> NDArray[np.intp]:
+    """Which points meet the conditions."""
+    if not conditions:
+        return np.arange(len(points))
+
+    def meets(point: list[float]) -> bool:
+        values = {axis.key: axis.label(x) for axis, x in zip(axes, point, strict=True)}
+        return all(condition(values) for condition in conditions)
+
+    return np.flatnonzero([meets(point) for point in points.tolist()])
+
+
+def _saltelli(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) -> NDArray[np.float64]:
+    """Points A, B and, for each key, A with that column of B: what `scipy.stats.sobol_indices` wants."""
+    count, size = config.trials or 1, len(axes)
+    if conditions:
+        raise invalid("constraints", config.constraints, "left out: the design saltelli needs every point")
+    if count & (count - 1):
+        raise invalid("trials", count, "a power of two for the design saltelli")
+    if config.seeds is not None or config.repeat is not None:
+        raise invalid("seeds", config.seeds, "left out: the design saltelli has one trial a point")
+    both = qmc.Sobol(2 * size, seed=np.random.default_rng(config.seed)).random(count)
+    a, b = both[:, :size], both[:, size:]
+    mixed = [np.where(np.arange(size) == i, b, a) for i in range(size)]
+    uniform = np.concatenate([a, b, *mixed])
+    return np.column_stack([axis.draw(column) for axis, column in zip(axes, uniform.T, strict=True)])
