@@ -36,7 +36,7 @@ def dead_zone(error: BatchValue, width: BatchValue, m: Any = np) -> BatchValue:
 def integral_step(
     command: BatchValue, error: BatchValue, gain: BatchValue, lower: BatchValue, upper: BatchValue, m: Any = np
 ) -> BatchValue:
-    """One tick of the integral law.
+    """One tick of the integral law; where the step is not finite, the last command.
 
     Args:
         command: last displacement command dx_bar [m].
@@ -44,7 +44,9 @@ def integral_step(
         gain: C_T_hat K_I Ts [m/N].
         lower, upper: limits of the command [m].
     """
-    return m.minimum(m.maximum(command - gain * error, lower), upper)
+    free = command - gain * error
+    # Infinity minus infinity is not a number, so one comparison catches both NaN and overflow.
+    return m.where(free - free == 0, m.minimum(m.maximum(free, lower), upper), command)
 
 
 class IntegralForceLaw(ForceLaw):
@@ -64,7 +66,7 @@ class IntegralForceLaw(ForceLaw):
     Parameters (Context, shape (n,)): integral_gain K_I [1/s] >= 0, dead_zone [N] >= 0, lower_limit and upper_limit [m],
     compliance C_T_hat [m/N] > 0.
 
-    A force that is not a number holds the last command.
+    A force or compliance that is not a finite number holds the last command.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
     """
@@ -95,13 +97,12 @@ class IntegralForceLaw(ForceLaw):
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the law."""
-        last, m = memory["displacement_command"], self.math
+        m = self.math
         gain, width, lower, upper = self.values(context)
         if "compliance" in inputs:
             gain = gain * inputs["compliance"]
-        error = inputs["desired_force"] - inputs["measured_force"]
-        after = integral_step(last, dead_zone(error, width, m), gain, lower, upper, m)
-        return {"displacement_command": m.where(after == after, after, last)}
+        error = dead_zone(inputs["desired_force"] - inputs["measured_force"], width, m)
+        return {"displacement_command": integral_step(memory["displacement_command"], error, gain, lower, upper, m)}
 
 
 class LinearIntegralForceLaw(PythonDiagram):

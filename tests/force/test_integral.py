@@ -96,11 +96,12 @@ def test_limits_are_the_anti_windup():
     assert command[-1] == 5e-5
 
 
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("port", ["measured_force", "desired_force", "compliance"])
-def test_a_force_that_is_not_a_number_holds_the_last_command(port):
-    block = IntegralForceLaw(1, integral_gain=K_I, period=PERIOD)
+def test_a_force_that_is_not_a_finite_number_holds_the_last_command(port, bad):
+    block = IntegralForceLaw(1, integral_gain=K_I, lower_limit=-0.1, upper_limit=0.1, period=PERIOD)
     usual = {"desired_force": 15.0, "measured_force": 5.0, "compliance": C_T}
-    gap = {**usual, port: lambda t: math.nan if 0.04 < t < 0.08 else usual[port]}
+    gap = {**usual, port: lambda t: bad if 0.04 < t < 0.08 else usual[port]}
     command = run_diagram(block, 0.16, period=PERIOD, inputs=gap)["displacement_command"][:, 0]
     before = round(0.04 / PERIOD)
     held = round(0.08 / PERIOD) - 1
