@@ -69,8 +69,8 @@ class ImpedanceForceLaw(ForceLaw):
     adaptation_rate s [1/s] >= 0, reference_compliance C_T_hat [m/N] >= 0, reference_filter T_F [s] >= 0, lower_limit
     and upper_limit of dx_bar [m]. H > D Ts/2 and D > K Ts/2: else the impedance alone is unstable.
 
-    At a limit of the command it stops there, and phi is not adapted further. A force that is not a number holds the
-    command and everything remembered.
+    At a limit of the command it stops there, and phi is adapted only so that it leads away from it. A force that is not
+    a number holds the command and everything remembered.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
     """
@@ -134,12 +134,13 @@ class ImpedanceForceLaw(ForceLaw):
         reference = -compliance * expected
         free = reference + e
         command = m.minimum(m.maximum(free, lower), upper)
-        stopped = command != free
+        beyond, change = free - command, rate * period * (desired - force) / damping
         new = {
             "displacement_command": command,
             "displacement": command - reference,
-            "velocity": m.where(stopped, 0.0, v),
-            "adapted_velocity": m.where(stopped, phi, phi + rate * period * (desired - force) / damping),
+            "velocity": m.where(beyond == 0.0, v, 0.0),
+            # phi presses: what leads further beyond the limit is left out.
+            "adapted_velocity": m.where(beyond * change < 0.0, phi, phi + change),
             "expected_force": expected,
         }
         return self.choose(good & (abs(free) < np.inf), new, memory)

@@ -50,6 +50,21 @@ def test_at_rest_the_impedance_has_the_error_of_its_model_and_the_adaptation_non
     assert simulated(ADAPTED, 30000)[-1] == pytest.approx(FORCE, abs=1e-3)
 
 
+@pytest.mark.parametrize(("pushes", "side"), [(30.0, 1.0), (-30.0, -1.0)])
+def test_adaptation_leaves_a_limit_that_it_has_led_to(pushes, side):
+    """Pushed out for two seconds the law presses back where it is let go, and the other way round."""
+    block = ImpedanceForceLaw(
+        1, inertia=26.5, damping=2650.0, adaptation_rate=1.0, lower_limit=-0.01, upper_limit=0.01, period=PERIOD
+    )
+    inputs = {"desired_force": 15.0, "measured_force": lambda t: 15.0 + pushes if t < 2.0 else 15.0 - 5.0 * side}
+    log = run_diagram(block, 12.0, period=PERIOD, inputs=inputs)
+    command, adapted = log["displacement_command"][:, 0], log["adapted_velocity"][:, 0]
+    there = round(1.9 / PERIOD)
+    assert command[there] == side * 0.01
+    np.testing.assert_array_equal(adapted[there - 100 : there], adapted[there - 100])  # and no further
+    assert command[-1] == -side * 0.01
+
+
 @pytest.mark.slow
 def test_adaptation_follows_a_surface_that_moves_away_and_admittance_does_not():
     """As forces: those of a tool that the law leads over a surface that moves away by 1 mm/s."""
