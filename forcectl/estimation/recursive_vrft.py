@@ -230,9 +230,10 @@ class RecursiveVrft(SampledBatch):
         m = self.math
         bandwidth, forgetting, resolution, force, rate, span = values
         bounds = None
-        if np.all(np.isfinite(span)):
-            first = [self.batch_value(gain) for gain in self._first[:2]]
-            bounds = [(m.minimum(g / span, g * span), m.maximum(g / span, g * span)) for g in first]
+        if np.any(limited := abs(span) < np.inf):
+            first, factor = [self.batch_value(gain) for gain in self._first[:2]], m.where(limited, span, 1.0)
+            ends = [(m.minimum(g / factor, g * factor), m.maximum(g / factor, g * factor)) for g in first]
+            bounds = [(m.where(limited, low, -np.inf), m.where(limited, high, np.inf)) for low, high in ends]
         return (
             1.0 - self._period * bandwidth,
             forgetting,

@@ -168,10 +168,17 @@ def test_it_learns_only_while_the_experiment_runs():
 
 def test_batch_elements_are_tuned_on_their_own():
     u, y = record(0.02)
-    pair = RecursiveVrft(2, bandwidth=[1.5, 4.5], forgetting=[1.0, 0.999], resolution=[0.0039, 0.0])
+    each = {
+        "bandwidth": [1.5, 4.5],
+        "forgetting": [1.0, 0.999],
+        "resolution": [0.0039, 0.0],
+        "gain_range": [1.5, math.inf],
+    }
+    start = (-5e-5, -2.5e-4, 0.0)
+    pair = RecursiveVrft(2, initial_gains=start, **each)
     both = tuned(pair, np.column_stack([u, 0.5 * u]), np.column_stack([y, 0.7 * y]))
     for i, (share, scale) in enumerate(((1.0, 1.0), (0.5, 0.7))):
-        one = RecursiveVrft(1, bandwidth=[1.5, 4.5][i], forgetting=[1.0, 0.999][i], resolution=[0.0039, 0.0][i])
+        one = RecursiveVrft(1, initial_gains=start, **{name: values[i] for name, values in each.items()})
         np.testing.assert_array_equal(both[:, i], tuned(one, share * u, scale * y)[:, 0])
 
 
