@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 READINGS = ("joint_position", "joint_velocity", "motor_torque")
 _COMPONENTS = {"wrench_deviation": "6a", "joint_bias": "n", "moving": "n"}
+_TICK = 0.004  # [s] of a joint interface
+_LEVER = 0.36  # [m] of a force on all joints of an arm; of YuMi's 0.23 to 0.44
 _JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
 _STOP = 2.0  # nor one that comes to rest so many times faster, at once and to the last bit
 _FROZEN = 0.1  # [rad/s] from which it may where there is no limit of the acceleration
@@ -152,14 +154,19 @@ class ForceEstimatorConfig(Config):
     def force_lag(self) -> tuple[float, float, float]:
         """Lag of the estimated forces as that of a sensor: bandwidth [rad/s], damping ratio [1] and delay [s].
 
-        The observer lags by 1/K_R; this is the critically damped filter of second order with the same lag.
+        The estimate lags by 1/w; this is the critically damped filter of second order with the same lag.
         """
-        return 2 * self.gain, 1.0, 0.0
+        return 2 * self._bandwidth(_TICK), 1.0, 0.0
+
+    def _bandwidth(self, period: float) -> float:
+        """Of the estimated forces at ticks of this period [s], w [rad/s]: K_R of the observer."""
+        return self.gain
 
     def force_response(self, model: PlantModel) -> StateSpace:
-        """From a force to its estimate, per tick: mean over the tick, filter of the speeds, observer; no thresholds."""
+        """From a force to its estimate, per tick: mean over the tick, filter of the speeds, estimate; no thresholds."""
         period = model.period
-        kept, decay = math.exp(-model.velocity_bandwidth * period), math.exp(-self.gain * period)
+        kept = math.exp(-model.velocity_bandwidth * period)
+        decay = math.exp(-self._bandwidth(period) * period)
         # y = kept y_last + (1 - kept)/2 (u + u_last), and r = decay r_last + (1 - decay) y
         half, gain = 0.5 * (1 - kept), 1 - decay
         late = state_space([[kept]], [[1.0]], [[half * (1 + kept)]], [[half]], period)
@@ -251,13 +258,9 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
     )
     tare_change: float = key(0.5, "of a force, with which that pauses", unit="N", bounds="positive")
 
-    def force_lag(self) -> tuple[float, float, float]:
-        """Lag of the estimated forces as that of a sensor: bandwidth [rad/s], damping ratio [1] and delay [s].
-
-        That of the filter in its steady state, where three joints feel a force at half a metre each.
-        """
-        gain = np.sqrt(3.0) * 0.5 * self.force_walk / self.noise
-        return 2 * float(gain), 1.0, 0.0
+    def _bandwidth(self, period: float) -> float:
+        """That of the filter in its steady state, of a force that the moving joints together feel at 0.36 m."""
+        return _LEVER * self.force_walk / (self.noise * math.sqrt(period))
 
     def _wrench(self, model: PlantModel, momentum: MomentumModel, arm: ArmParts, axes: Frame | None) -> Any:
         return WrenchFilter(

@@ -9,11 +9,14 @@ import pytest
 from scipy.signal import dlsim
 
 import forcectl as fc
-from forcectl.estimation.force_estimator import ForceEstimatorConfig
+from forcectl.estimation.force_estimator import ForceEstimatorConfig, KalmanForceEstimatorConfig
+from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.framework.yaml_tree import Tagged
 from forcectl.motion.joint_path import DitherConfig, JointMovesConfig
 from forcectl.motion.loads import LoadConfig
+from forcectl.plant.drives.joint_friction import JointFriction, sliding_friction_torque
 from forcectl.robot.model import RobotModel
+from forcectl.robot.momentum_model import MomentumModel
 from tests.examples.joint_interface_runs import describe
 from tests.examples.stations import free, setting
 
@@ -64,3 +67,39 @@ def test_the_linear_system_of_the_estimate_lags_by_observer_and_filter() -> None
     ramp = dlsim(response, model.period * ticks)[1]
     assert model.period * ticks[-1] - ramp[-1, 0] == pytest.approx(1 / 40.0 + 1 / 250.0, rel=0.02)
     assert dlsim(response, np.ones(400))[1][-1, 0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("force_walk", "noise"), [(1.25, 0.25), (1.25, 0.5), (2.5, 0.25)])
+def test_the_lag_of_the_kalman_filter_is_that_of_its_answer_to_a_step(force_walk: float, noise: float) -> None:
+    """63 % are shown after the lag of a force that the joints feel at 0.36 m; of others in proportion."""
+    robot = RobotModel.load(*ROBOT)
+    model = MomentumModel(robot.plant, robot.parts.joints, np.zeros(robot.num_joints), robot.create_context)
+    arm, friction, period = robot.parts.arms["right"], JointFriction.of_parameters(robot.parameters), 0.004
+    block = WrenchFilter(
+        model,
+        friction,
+        arm.tcp_frame,
+        arm.tcp_frame,
+        joints=arm.joints,
+        noise=noise,
+        force_walk=force_walk,
+        period=period,
+    )
+    context, q, shown = block.CreateDefaultContext(), robot.parameters.default_posture, []
+    wrench = np.array([0.0, 0.0, 0.0, 0.0, 3.0, 0.0])
+    jacobian = model.jacobian(model.create_context(), q, arm.tcp_frame, arm.tcp_frame)
+    pushed, lever = jacobian.T @ wrench, np.linalg.norm(jacobian[4, arm.joints])
+    moves = np.ones(robot.num_joints)
+    for name in ("joint_velocity", "reading_ok"):
+        block.GetInputPort(name).FixValue(context, moves)
+    block.GetInputPort("joint_position").FixValue(context, q)
+    for tick in range(500):
+        block.GetInputPort("torque_balance").FixValue(
+            context, pushed * (tick >= 250) - sliding_friction_torque(moves, friction)
+        )
+        context.SetTime(tick * period)
+        shown.append(block.memory(context)["wrench"][4])
+        context.SetDiscreteState(block.EvalUniquePeriodicDiscreteUpdate(context))
+    lag = period * np.argmax(np.array(shown[250:]) > (1 - np.exp(-1.0)) * wrench[4])
+    bandwidth, damping_ratio, delay = KalmanForceEstimatorConfig(force_walk=force_walk, noise=noise).force_lag()
+    assert 2 * damping_ratio / bandwidth + delay == pytest.approx(lag * lever / 0.36, rel=0.25)
