@@ -31,7 +31,6 @@ from forcectl.force.invariance.regulated_output import (
     ReferenceState,
     Regulated,
     RegulatedCoordinate,
-    corrected,
     regulate_force,
 )
 from forcectl.force.invariance.tracking import Tracking
@@ -373,15 +372,16 @@ class InvarianceController(SampledBlock):
             state = ReferenceState(state.desired, 0.0, 0.0)
             return InvarianceTick(motion, rows, along, x, rate, state, in_sensor, None, None, False, (now, last))
         desired = min(desired, self._maximum_force)
-        depth = x[0] + self._given_way
-        force, state = regulate_force(depth, rates[0], desired, compliance, state, self._gamma, self._upper, Ts)
+        depth, nominal = x[0] + self._given_way, None
+        if self._nominal_gain is not None:
+            # The acceleration of the integral law.
+            nominal = (rates[0] - self._nominal_gain * (compliance * (measured - desired))) / Ts
+        force, state = regulate_force(
+            depth, rates[0], desired, compliance, state, self._gamma, self._upper, Ts, nominal
+        )
         outputs = [force]
         for output, xi, vi in zip(self._outputs, x[1:], rates[1:], strict=True):
             outputs.append(output.regulate(xi, vi, desired, Ts))
-        if self._nominal_gain is not None:
-            # The acceleration of the integral law.
-            wish = (-self._nominal_gain * (compliance * (measured - desired)) - force.rate) / Ts
-            outputs[0] = corrected(force, wish, self._gamma, Ts)
         # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
         before = now if first else memory["reference_before"]
         speed, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2

@@ -58,7 +58,14 @@ class InvarianceCorrection(InvarianceForceLaw):
     own_memory = ("nominal",)
 
     def decide(
-        self, memory: Memory, inputs: Memory, y: BatchValue, rate: BatchValue, gamma: BatchValue, upper: BatchValue
+        self,
+        memory: Memory,
+        inputs: Memory,
+        y: BatchValue,
+        rate: BatchValue,
+        retreat: BatchValue,
+        gamma: BatchValue,
+        upper: BatchValue,
     ) -> tuple[BatchValue, Memory]:
         """The nominal acceleration, at most the largest that keeps the constraint."""
         m, period = self.math, self._period
@@ -66,7 +73,7 @@ class InvarianceCorrection(InvarianceForceLaw):
         nominal = m.where(abs(nominal) < inf, nominal, last)
         wanted = (memory["velocity"] - (nominal - last) / period) / period
         largest = one_step_acceleration(y, rate, gamma, m.where(y > 0.0, -gamma, upper), period, m)
-        return m.minimum(wanted, largest), {"nominal": nominal}
+        return m.minimum(wanted, largest - retreat), {"nominal": nominal}
 
 
 class InvarianceControl(PythonDiagram):

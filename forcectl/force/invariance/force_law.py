@@ -172,19 +172,27 @@ class InvarianceForceLaw(ForceLaw):
         return gamma, -gamma, upper, self.math.maximum(upper, -gamma), *rest
 
     def decide(
-        self, memory: Memory, inputs: Memory, y: BatchValue, rate: BatchValue, gamma: BatchValue, upper: BatchValue
+        self,
+        memory: Memory,
+        inputs: Memory,
+        y: BatchValue,
+        rate: BatchValue,
+        retreat: BatchValue,
+        gamma: BatchValue,
+        upper: BatchValue,
     ) -> tuple[BatchValue, Memory]:
-        """The acceleration y'' of a new tick, and the subclass' own memory after it.
+        """The acceleration -dx_bar'' of a new tick, and the subclass' own memory after it.
 
         Args:
             memory: of the tick before.
             inputs: of the tick.
             y: constraint output [m].
             rate: its rate [m/s].
-            gamma: lower bound of y'' relative to the set point [m/s^2].
+            retreat: acceleration of the set point, which is y'' + dx_bar'' [m/s^2].
+            gamma: lower bound of y'' [m/s^2].
             upper: upper bound of it [m/s^2].
         """
-        return one_step_acceleration(y, rate, gamma, upper, self._period, self.math), {}
+        return one_step_acceleration(y, rate, gamma, upper, self._period, self.math) - retreat, {}
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the law."""
@@ -204,9 +212,9 @@ class InvarianceForceLaw(ForceLaw):
         )
         rate = falls - v
         y = target - x
-        chosen, own = self.decide(memory, inputs, y, rate, gamma + retreat, upper)
+        chosen, own = self.decide(memory, inputs, y, rate, retreat, gamma + retreat, upper)
         braked = v - minimum(maximum(v, period * gamma), period * opposite)
-        wanted = where(good, v - period * (chosen - retreat), braked)
+        wanted = where(good, v - period * chosen, braked)
 
         # The limits bind the command last; they never ask for more than the accelerations do.
         change = period * most

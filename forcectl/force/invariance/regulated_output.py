@@ -80,8 +80,11 @@ def regulate_force(
     gamma: float,
     upper: float,
     period: float,
+    nominal: float | None = None,
 ) -> tuple[Regulated, ReferenceState]:
     """The force, as `InvarianceForceLaw` regulates it: a falling reference is followed with its speed.
+
+    As `InvarianceCorrection` does with a nominal law, which is limited only as far as y <= 0 asks for it (3.18).
 
     Args:
         x, v: displacement dx_bar along n and its rate [m, m/s].
@@ -91,15 +94,11 @@ def regulate_force(
         gamma: deceleration towards the constraint [m/s^2], < 0.
         upper: largest acceleration away from rest [m/s^2], > 0.
         period: tick [s].
+        nominal: -dx_bar'' of a nominal law [m/s^2]; None: there is none.
     """
     slope, bend, falls, retreat = fall(desired, *past, compliance, -gamma, period, SCALAR_MATH)
-    y = -compliance * desired - x
-    a = one_step_acceleration(y, falls - v, gamma + retreat, upper, period, SCALAR_MATH) - retreat
-    return Regulated(y, falls - v, a, a), ReferenceState(desired, slope, bend)
-
-
-def corrected(output: Regulated, wish: float, gamma: float, period: float) -> Regulated:
-    """An output whose y'' comes from elsewhere (`wish`) and is limited only as far as y <= 0 asks for it (3.18)."""
-    upper = -gamma if output.y > 0 else math.inf
-    bound = one_step_acceleration(output.y, output.rate, gamma, upper, period, SCALAR_MATH)
-    return output._replace(wish=wish, bound=bound)
+    y, least = -compliance * desired - x, gamma + retreat
+    if nominal is not None:
+        upper = -least if y > 0 else math.inf
+    a = one_step_acceleration(y, falls - v, least, upper, period, SCALAR_MATH) - retreat
+    return Regulated(y, falls - v, a if nominal is None else nominal, a), ReferenceState(desired, slope, bend)

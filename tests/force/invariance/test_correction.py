@@ -54,13 +54,16 @@ def spring_loop(law, true_compliance: float = C_T) -> Diagram:
     return builder.Build()
 
 
-def test_far_from_the_constraint_it_moves_as_the_nominal_law():
+@pytest.mark.parametrize(
+    "desired", [15.0, lambda t: 100.0 + 5.0 * math.cos(12.0 * t)], ids=["still", "falls and rises"]
+)
+def test_far_from_the_constraint_it_moves_as_the_nominal_law(desired):
     """(3.18) with no active row: the velocity of the nominal command, tick by tick."""
 
     def nominal(t):
         return -1e-3 * (1 - math.exp(-3 * t)) + 1e-4 * math.sin(30 * t)
 
-    inputs = {"desired_force": 15.0, "measured_force": 1.0, "nominal_command": nominal}
+    inputs = {"desired_force": desired, "measured_force": 1.0, "nominal_command": nominal}
     command = run_diagram(correction(), 0.5, period=PERIOD, inputs=inputs)["displacement_command"][:, 0]
     nominal_velocity = np.diff([nominal(k * PERIOD) for k in range(len(command))]) / PERIOD
     velocity = np.zeros(len(command))

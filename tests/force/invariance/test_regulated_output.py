@@ -11,7 +11,6 @@ from forcectl.force.invariance.regulated_output import (
     ReferenceState,
     Regulated,
     RegulatedCoordinate,
-    corrected,
     regulate_force,
 )
 from forcectl.force.invariance.robot import OutputConfig
@@ -45,11 +44,25 @@ def test_the_force_is_an_output_against_the_displacement() -> None:
 
 
 def test_a_nominal_acceleration_is_limited_only_where_the_constraint_asks_for_it() -> None:
-    far, near, beyond = (Regulated(y, 0.01, 0.0, 0.0) for y in (-1.0, -0.5e-3, 1e-3))
-    assert corrected(far, 3.0, GAMMA, PERIOD).bound > 100.0
-    assert corrected(near, 3.0, GAMMA, PERIOD).bound == pytest.approx(GAMMA, rel=0.05)
-    assert -0.1 <= corrected(beyond, 3.0, GAMMA, PERIOD).bound < 0
-    assert corrected(far, 3.0, GAMMA, PERIOD).wish == 3.0
+    def at(y: float) -> Regulated:
+        depth, still = -15.0 * COMPLIANCE - y, ReferenceState(15.0, 0.0, 0.0)
+        return regulate_force(depth, -0.01, 15.0, COMPLIANCE, still, GAMMA, 0.3, PERIOD, nominal=3.0)[0]
+
+    assert at(-1.0).bound > 100.0
+    assert at(-0.5e-3).bound == pytest.approx(GAMMA, rel=0.05)
+    assert -0.1 <= at(1e-3).bound < 0
+    assert at(-1.0).wish == 3.0
+
+
+def test_far_from_the_constraint_a_reference_that_falls_moves_the_command_by_the_nominal_law_alone() -> None:
+    """2 N below the reference all the time: dx' = -K_I C 2 N, however the reference moves."""
+
+    def reference(k: int) -> float:
+        return 30.0 + 5.0 * np.cos(12.0 * k * PERIOD)
+
+    log = drive(make(nominal_gain=3.0), 200, desired=reference, measured=lambda k, dx: reference(k) - 2.0)
+    speed = np.diff(log["displacement_command"])[4:] / PERIOD
+    np.testing.assert_allclose(speed, -3.0 * WHOLE * 2.0, rtol=1e-3)
 
 
 def test_the_force_on_a_second_surface_is_a_regulated_output_and_the_compliance_couples_both() -> None:
