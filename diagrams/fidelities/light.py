@@ -16,7 +16,7 @@ from forcectl.diagrams.mechanics.assembly import Assembly, through
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add_surface, connect_material, feed_contact
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config
 from forcectl.framework.wiring import add_part, affine, input_names
@@ -64,14 +64,15 @@ def _check_parts(workcell: Workcell, name: str) -> None:
     needs = f"a fidelity with dynamics, such as Multibody, not {name}"
     if len(workcell.contacts) != 1:
         raise BadInputError(f" has {len(workcell.contacts)} surfaces: must have one, or {needs}", key="environment")
-    if hasattr(workcell.contact.environment, "touching_points"):
-        raise BadInputError(f" is touched in several points: must have {needs}", key="environment")
-    surface = workcell.contact.surface
-    if surface is not None and surface.turning:
-        raise BadInputError(f" = true: must be false, or have {needs}", key="environment.surface.turning")
-    friction = getattr(workcell.contact.environment, "friction", 0.0)
-    if friction:
-        raise BadInputError(f" = {friction:g}: must be 0, or have {needs}", key="environment.friction")
+    with about(workcell.contact.environment):
+        if hasattr(workcell.contact.environment, "touching_points"):
+            raise BadInputError(f" is touched in several points: must have {needs}")
+        surface = workcell.contact.surface
+        if surface is not None and surface.turning:
+            raise BadInputError(f" = true: must be false, or have {needs}", key="surface.turning")
+        friction = getattr(workcell.contact.environment, "friction", 0.0)
+        if friction:
+            raise BadInputError(f" = {friction:g}: must be 0, or have {needs}", key="friction")
     if workcell.obstacles:
         raise BadInputError(f" has boxes ({', '.join(workcell.obstacles)}): must have {needs}", key="environment")
     if workcell.parts:
@@ -93,7 +94,8 @@ def check_one_sided(workcell: Workcell) -> None:
     """
     for contact in workcell.contacts:
         if not getattr(contact.environment, "one_sided", True):
-            raise invalid("environment.one_sided", False, "true unless station.fidelity = OneDimensional")
+            with about(contact.environment):
+                raise invalid("one_sided", False, "true unless station.fidelity = OneDimensional")
 
 
 class LightStation(PythonDiagram):

@@ -233,7 +233,8 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
         label = contact.name if len(workcell.contacts) > 1 else ""
         # An uneven surface is raised to its height at the place of the links.
         if len(workcell.contacts) > 1 and not is_uniform(contact):
-            raise BadInputError(f"environment {contact.name!r}: must be flat and of one material beside other surfaces")
+            with about(contact.environment):
+                raise BadInputError(" must be flat and of one material beside other surfaces", key="surface")
         surface = add_surface(builder, workcell, contact, signals["link_position"], workcell.start)
         if mounting is not None:
             drive_surface(builder, workcell, contact, site.plant, mounting, surface)

@@ -33,7 +33,7 @@ from pydrake.systems.primitives import MatrixGain
 
 from forcectl.diagrams.mechanics.pressure_patch import add_slab
 from forcectl.diagrams.workcell import Contact, Workcell
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, about
 from forcectl.models import add_packages
 from forcectl.plant.contact.surface_spring import SurfaceSpring
 
@@ -163,11 +163,13 @@ def _add_skin(plant: MultibodyPlant, instance: ModelInstanceIndex, frame: Frame)
 def _springs(workcell: Workcell, contact: Contact) -> list[float]:
     """Stiffness of the springs below the skin that stand for the materials [N/m]."""
     materials = contact.environment.surface.materials
-    given = materials.path().stiffness if materials is not None else []
+    given = [segment.environment_stiffness for segment in materials.segments] if materials is not None else []
     rest = _missing_compliance(workcell, contact) - _SKIN_COMPLIANCE
-    for stiffness in given:
+    for i, stiffness in enumerate(given):
         if not 1 / stiffness + rest > 0:
-            raise BadInputError(f" = {stiffness:g}: must be below {-1 / rest:.4g} N/m in Multibody", key="stiffness")
+            fault = f" = {stiffness:g}: must be below {-1 / rest:.4g} N/m in Multibody"
+            with about(contact.environment):
+                raise BadInputError(fault, key=f"surface.materials.segments.{i}.stiffness")
     return [1 / (1 / stiffness + rest) for stiffness in given]
 
 
@@ -253,9 +255,10 @@ def has_dissipation(workcell: Workcell) -> bool:
         BadInputError: some have the one and some the other: Drake knows one law of contact for a plant.
     """
     surfaces = {each.name: each.environment for each in workcell.contacts if not each.own_force}
-    found = [name for name, surface in surfaces.items() if surface.dissipation]
+    found = [surface for surface in surfaces.values() if surface.dissipation]
     others = [name for name, surface in surfaces.items() if surface.damping]
     others += [*workcell.obstacles, *workcell.parts, *["self_collision"] * workcell.self_collision]
     if found and others:
-        raise BadInputError(f"must be 0 beside {', '.join(others)}", key=f"environment.{found[0]}.dissipation")
+        with about(found[0]):
+            raise BadInputError(f"must be 0 beside {', '.join(others)}", key="dissipation")
     return bool(found)

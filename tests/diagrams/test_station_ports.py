@@ -10,6 +10,7 @@ import pytest
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Context, Diagram
 
+import forcectl as fc
 from forcectl.conventions import SIGNALS
 from forcectl.diagrams.loop import Loop
 from forcectl.diagrams.mechanics.assembly import STATION_INPUTS
@@ -19,6 +20,7 @@ from forcectl.doctor import Report
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralConfig
+from forcectl.framework.yaml_tree import parse
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.scenario.scenario import Scenario
 from forcectl.testing import (
@@ -215,3 +217,25 @@ def test_memory_is_released(fidelity: str) -> None:
         return build_loop(fidelity).diagram
 
     assert assert_memory_released(build, duration=0.02, builds=5, allowed_kb=500).checked_references
+
+
+@pytest.mark.parametrize(
+    ("surface", "station", "key"),
+    [
+        ("friction: 0.2", {"fidelity": "Kinematic"}, "friction"),
+        ("one_sided: false", {"fidelity": "Kinematic"}, "one_sided"),
+        ("surface: {turning: true, heights: {a: !Arc {}}}", {"fidelity": "OneDimensional"}, "surface.turning"),
+        ("dissipation: 5.0", {"self_collision": True}, "dissipation"),
+        (
+            "surface: {materials: {segments: [{material: steel, stiffness: 1e7, start: 0, end: 1}]}}",
+            {"elastic_joints": False},
+            "surface.materials.segments.0.stiffness",
+        ),
+    ],
+)
+@pytest.mark.parametrize("place", ["environment", "environment.parts.plate"])
+def test_what_a_fidelity_cannot_do_is_told_by_the_key_that_asks_for_it(surface, station, key, place):
+    plate = f"!Surface {{{surface}}}"
+    environment = plate if place == "environment" else f"!Parts {{parts: {{plate: {plate}}}}}"
+    with pytest.raises(BadInputError, match=rf"^(scenario: )?station\.{place}\.{key} ?[=:]"):
+        fc.build({"station": parse(f"environment: {environment}", "s.yaml") | station})
