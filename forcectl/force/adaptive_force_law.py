@@ -156,6 +156,7 @@ class AdaptivePlanConfig(AdaptiveLawConfig):
         """The offset, unless all is taken for compliance."""
         if self.surface == "compliance":
             return None
-        lag = 2 * model.sensor_damping_ratio / model.sensor_bandwidth + model.sensor_delay
-        block = SurfaceOffset(model.size, drive_compliance=model.drive_compliance, lag=lag, period=model.period)
+        block = SurfaceOffset(
+            model.size, drive_compliance=model.drive_compliance, lag=model.sensor_lag, period=model.period
+        )
         return block, sensor_model(model, model.size)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
+from forcectl.framework.kernels import cross_matrix
 from forcectl.robot.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -42,8 +43,7 @@ def motion_to_tcp(X_WD: RigidTransform, p_WT: Array) -> Array:
         p_WT: position of the TCP in W [m].
     """
     R = X_WD.rotation().matrix()
-    x, y, z = p_WT - X_WD.translation()
-    lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    lever = cross_matrix(p_WT - X_WD.translation())
     return np.block([[R, np.zeros((3, 3))], [-lever @ R, R]])
 
 

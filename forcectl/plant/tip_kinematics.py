@@ -14,6 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.block import PythonBlock
+from forcectl.framework.kernels import cross
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
@@ -177,4 +178,4 @@ class ForceToWrench(PythonBlock):
         X_WS = self._frame.CalcPoseInWorld(plant_context)
         force = X_WS.rotation().matrix().T @ self._n * self._force.Eval(context).item()
         p_ST = X_WS.inverse().multiply(self._robot.pose(plant_context).translation())
-        output.SetFromVector(np.concatenate([np.cross(p_ST, force), force]))
+        output.SetFromVector(np.concatenate([cross(p_ST, force), force]))

@@ -260,8 +260,7 @@ class PredictiveInvarianceConfig(InvarianceConfig):
 
     def lead(self, model: PlantModel) -> float:
         """T = T_S + T_h [s]: the lag of sensor and drive on a ramp."""
-        sensor = 2 * model.sensor_damping_ratio / model.sensor_bandwidth + model.sensor_delay
-        return sensor + 2 * self.filter_damping_ratio / self.filter_bandwidth + self.filter_delay
+        return model.sensor_lag + 2 * self.filter_damping_ratio / self.filter_bandwidth + self.filter_delay
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PredictiveForceLaw:
         """Add the law; it and its correction believe in `compliance_error` times the true total compliance."""

@@ -22,6 +22,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import batch_values, check
+from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.sensors.force_sensor import SensorElectronics
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
@@ -48,8 +49,7 @@ def weight_matrix(mass: float, p_SScm: Vector) -> Vector:
         mass: [kg].
         p_SScm: its centre in S, shape (3,) [m].
     """
-    x, y, z = p_SScm
-    return mass * np.vstack([[[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], np.eye(3)])
+    return mass * np.vstack([cross_matrix(p_SScm), np.eye(3)])
 
 
 class WristSensor(SensorElectronics):
