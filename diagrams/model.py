@@ -111,6 +111,7 @@ class ModelConfig(Config, in_batches=True):
         return replace(
             model,
             robot_compliance=self.robot_compliance * model.robot_compliance,
+            drive_compliance=self.robot_compliance * model.drive_compliance,
             environment_compliance=self.environment_compliance * model.environment_compliance,
             friction=friction.scaled(self.friction_scale),
             robot=robot,

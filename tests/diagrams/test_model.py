@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import DiagramBuilder
 
 import forcectl as fc
+from forcectl.diagrams.drives.position_drive import JointImpedanceDriveConfig
 from forcectl.diagrams.model import ModelConfig, friction_of, plant_model
 from forcectl.diagrams.workcell import describe
+from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from tests.examples.stations import free, pressing
 
 
@@ -16,6 +19,17 @@ def test_compliances_are_scaled():
     model = ModelConfig(robot_compliance=1.5, environment_compliance=0.5).applied(plant_model(workcell))
     assert model.robot_compliance.item() == pytest.approx(1.5 * workcell.contact.robot_compliance)
     assert model.environment_compliance.item() == pytest.approx(0.5 * workcell.contact.environment_compliance)
+
+
+def test_the_part_of_the_drives_is_as_wrong_as_the_whole():
+    """Else what is left for joints and links is below zero, and no estimator can be made of it."""
+    workcell = describe(pressing(fidelity="Multibody", drive=JointImpedanceDriveConfig()))
+    truth, model = plant_model(workcell), ModelConfig(robot_compliance=0.3).applied(plant_model(workcell))
+    assert 0 < truth.drive_compliance < truth.robot_compliance
+    assert model.drive_compliance / model.robot_compliance == pytest.approx(
+        truth.drive_compliance / truth.robot_compliance
+    )
+    AdaptiveIntegralConfig().add_to(DiagramBuilder(), model)
 
 
 def test_friction_of_the_model_is_another_object():
