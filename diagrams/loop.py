@@ -31,6 +31,7 @@ from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.guard.config import GuardConfig
+from forcectl.force.law import model_bandwidth
 from forcectl.framework.wiring import Enclosed, add_part, check_names, input_names, made_by, output_names
 from forcectl.plant.tip_kinematics import tip_displacements
 
@@ -76,8 +77,7 @@ class LoopParts:
     @property
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth of the controller's nominal loop [rad/s]; None where it tells none."""
-        bandwidth: float | None = getattr(self.controller, "reference_model_bandwidth", lambda: None)()
-        return bandwidth
+        return model_bandwidth(self.controller)
 
     def setting(self, workcell: Workcell | None = None) -> Setting:
         """Workcell and models.

@@ -307,10 +307,6 @@ class AdmittanceConfig(Config):
         """From the measured force to displacement and rate of the command, without limits and at rest."""
         return admittance_response(self.inertia, self.damping, model.period, self.arrangement)
 
-    def reference_model_bandwidth(self) -> float | None:
-        """None: K_I depends on the surface."""
-        return None
-
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdmittanceForceLaw:
         """Add the law."""
         return builder.AddNamedSystem("force_law", self.law(model))

@@ -41,6 +41,12 @@ def require_force_law(law: System, inputs: Iterable[str]) -> None:
         raise BadInputError(f"{type(law).__name__} is no force law: must have {wanted}")
 
 
+def model_bandwidth(law: Any) -> float | None:
+    """Bandwidth [rad/s] of the nominal closed loop, of a configuration; None where it does not tell."""
+    told: float | None = getattr(law, "reference_model_bandwidth", lambda: None)()
+    return told
+
+
 def low_pass(last: BatchValue, value: BatchValue, filter_time: BatchValue, period: float) -> BatchValue:
     """One tick of the first-order lag 1/(1 + s T): y[k] = y[k-1] + (u[k] - y[k-1]) Ts/(T + Ts), backward differences.
 
@@ -163,8 +169,7 @@ class AroundLawConfig:
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the law; None if it does not tell."""
-        told: float | None = getattr(self.law, "reference_model_bandwidth", lambda: None)()
-        return told
+        return model_bandwidth(self.law)
 
     def force_laws(self, model: PlantModel) -> list[tuple[Any, float]]:
         """The law inside, which feels the whole force; see `forcectl.force.slot`."""

@@ -156,10 +156,6 @@ class AdaptiveAdmittanceConfig(Config, in_batches=True):
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
 
-    def reference_model_bandwidth(self) -> float | None:
-        """None: it depends on the surface."""
-        return None
-
     def law(self, model: PlantModel) -> ImpedanceForceLaw:
         """The block."""
         return ImpedanceForceLaw(

@@ -35,7 +35,7 @@ from forcectl.force.governor.program import (
     over_horizon,
 )
 from forcectl.force.governor.stability import StabilityReport, feedback_weight, stability_report
-from forcectl.force.law import AroundLawConfig
+from forcectl.force.law import AroundLawConfig, model_bandwidth
 from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order, whole_multiple
 from forcectl.framework.block import PythonDiagram, scratch
@@ -325,8 +325,7 @@ class GovernedConfig(AroundLawConfig, Config):
         return self.horizon == 1
 
     def _inner_bandwidth(self) -> float | None:
-        told = getattr(self.law, "reference_model_bandwidth", lambda: None)
-        return told() if self.inner_bandwidth is None else self.inner_bandwidth
+        return model_bandwidth(self.law) if self.inner_bandwidth is None else self.inner_bandwidth
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the wanted response."""

@@ -23,7 +23,7 @@ from forcectl.errors import BadInputError, about
 from forcectl.force.adaptive_force_law import AdaptivePlanConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
-from forcectl.force.law import require_force_law
+from forcectl.force.law import model_bandwidth, require_force_law
 from forcectl.framework.batch import BatchValue
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key, slot
@@ -131,8 +131,7 @@ class InvarianceControlConfig(InvarianceLimits):
 
     def reference_model_bandwidth(self) -> float | None:
         """That of the nominal law [rad/s]; None when it does not tell."""
-        bandwidth = getattr(self.nominal, "reference_model_bandwidth", None)
-        return bandwidth() if bandwidth else None
+        return model_bandwidth(self.nominal)
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> InvarianceControl:
         """The nominal law and its correction, whose model has this total compliance [m/N] or a port for it."""
