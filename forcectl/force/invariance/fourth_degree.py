@@ -307,25 +307,30 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
         if not np.all(self.alpha > (least := self.compliance_ratio - 1)):
             raise invalid("alpha", self.alpha, f"above {least:g}, compliance_ratio - 1 (3.84)*: else contact bounces")
 
-    def chosen_alpha(self) -> float:
-        """The factor of the virtual state: the one given, else by what is stated, else that of Fig. 3.10."""
+    def chosen_alpha(self) -> ArrayLike:
+        """The factor of the virtual state: the one given, else by what is stated, else that of Fig. 3.10.
+
+        Of a batch with several gammas one for each.
+        """
         if self.alpha is not None:
             return self.alpha
         if self.force_rate is None or self.force_rate_error is None:
             return 3.0 if self.compliance_ratio == 1 else alpha_for_uncertainty(self.compliance_ratio)
-        for_rate = alpha_for_rate(4, float(np.max(self.gamma)), self.force_rate_error, self.force_rate)
-        return alpha_for_uncertainty(self.compliance_ratio, for_rate)
+        error, rate = self.force_rate_error, self.force_rate
+        for_rates = [alpha_for_rate(4, gamma, error, rate) for gamma in np.ravel(self.gamma)]
+        alphas = [alpha_for_uncertainty(self.compliance_ratio, each) for each in for_rates]
+        return alphas[0] if np.ndim(self.gamma) == 0 else alphas
 
-    def _check_gamma(self, model: PlantModel, bandwidth: float) -> None:
+    def _check_gamma(self, model: PlantModel, bandwidth: BatchValue) -> None:
         """BadInputError unless the acceleration suffices to brake with gamma at the largest compliance stated."""
         if self.compliance_ratio == 1:
             return
-        largest = float(np.max(self.compliance_ratio * self.compliance_error * model.total_compliance))
-        limit, w = float(np.min(self.acceleration_limit)), float(np.min(bandwidth))
-        least = least_gamma(w, float(np.min(self.damping_ratio)), largest, limit)
-        if not np.all(self.gamma >= least):
-            text = f"at least {least:.4g}, what acceleration_limit brakes with at the largest compliance (3.67)*"
-            raise invalid("gamma", self.gamma, text)
+        largest = self.compliance_ratio * self.compliance_error * model.total_compliance
+        least = least_gamma(bandwidth, self.damping_ratio, largest, self.acceleration_limit)
+        for gamma, limit in zip(batch_values("gamma", self.gamma, model.size).tolist(), least.tolist(), strict=True):
+            if gamma < limit:
+                text = f"at least {limit:.4g}, what acceleration_limit brakes with at the largest compliance (3.67)*"
+                raise invalid("gamma", gamma, text)
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
         """The block whose model has this total compliance [m/N], or a port for it (None).

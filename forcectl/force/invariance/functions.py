@@ -83,15 +83,15 @@ def set_distance_rate(rate: ArrayLike, acceleration: ArrayLike, gamma: float) ->
 
 
 def least_gamma(
-    bandwidth: float,
-    damping_ratio: float,
-    compliance: float,
-    acceleration: float,
+    bandwidth: BatchValue,
+    damping_ratio: BatchValue,
+    compliance: BatchValue,
+    acceleration: BatchValue,
     *,
-    lag: float = 0.0,
-    speed: float = 0.0,
-    command_speed: float = 0.0,
-) -> float:
+    lag: BatchValue = 0.0,
+    speed: BatchValue = 0.0,
+    command_speed: BatchValue = 0.0,
+) -> BatchValue:
     """The largest over the states of the least y^(4) that the control reaches there [N/s^4], (3.67)*.
 
     A gamma of the law of relative degree 4 below it cannot be kept in all of these states. It is of y^(4) of (3.65)*,

@@ -17,6 +17,7 @@ from forcectl.force.invariance.fourth_degree import (
     fourth_derivative,
 )
 from forcectl.force.invariance.functions import invariance_function
+from forcectl.framework.fields import stacked
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.testing import assert_docstring_matches, assert_passes_no_nan, assert_ports, run_diagram
@@ -378,6 +379,15 @@ def test_a_stated_uncertainty_asks_for_the_acceleration_to_brake_with() -> None:
         FourthDegreeInvarianceConfig(gamma=gamma, compliance_ratio=ratio).add_to(DiagramBuilder(), MODEL)
     with pytest.raises(BadInputError, match=r"gamma = .* at least -1\.333e\+05, what acceleration_limit"):
         FourthDegreeInvarianceConfig(gamma=-1.01 * most, compliance_ratio=1.5).add_to(DiagramBuilder(), MODEL)
+
+
+def test_what_is_chosen_and_refused_is_that_of_each_batch_element() -> None:
+    stated = {"compliance_ratio": 1.5, "force_rate": 30.0, "force_rate_error": 10.0}
+    pairs = ((-1e5, 10.0), (-1e3, 0.05))
+    parts = [FourthDegreeInvarianceConfig(gamma=gamma, acceleration_limit=most, **stated) for gamma, most in pairs]
+    blocks = stacked(parts).law(MODEL, None), *(part.law(MODEL.loop(i), None) for i, part in enumerate(parts))
+    both, *alone = (block.parameter(block.CreateDefaultContext(), "alpha").tolist() for block in blocks)
+    assert both == [each for one in alone for each in one]
 
 
 def test_limits_of_the_command_are_in_order() -> None:
