@@ -219,8 +219,11 @@ class WrenchFilter(SampledBlock):
         mine, k = self._joints, self._k
         balance, q, v = inputs["torque_balance"], inputs["joint_position"], inputs["joint_velocity"]
         level = inputs["tare"].item() if "tare" in inputs else 0.0
+        tare = Tare(memory["zero"], memory["tared"], memory["mean"], memory["past"])
+        if level < -0.5:
+            tare = Tare(np.zeros(6), 0.0, np.zeros(6), np.full_like(tare.past, np.nan))
         if not all_finite(balance, q, v):
-            return dict(memory)
+            return {**memory, **tare._asdict()}
         speed = v[mine]
         slow, direction = np.abs(speed) < self._slow, memory["direction"]
         turned = ~slow & (np.sign(speed) != direction)
@@ -259,7 +262,6 @@ class WrenchFilter(SampledBlock):
         found, deviation = np.zeros(6), np.zeros(6)
         found[self._first :] = x[:m]
         deviation[self._first :] = np.sqrt(np.maximum(np.diag(P)[:m], 0.0))
-        tare = Tare(memory["zero"], memory["tared"], memory["mean"], memory["past"])
         shown, tare = self._tare(tare, found, level)
         rotation = self._frame.CalcRotationMatrix(plant, self._expressed_in).matrix()
         return {
@@ -286,8 +288,6 @@ class WrenchFilter(SampledBlock):
 
     def _tare(self, tare: Tare, found: Array, level: float) -> tuple[Array, Tare]:
         """The wrench after taring, shape (6,) [Nm, N], and what is known for the next tick."""
-        if level < -0.5:
-            tare = Tare(np.zeros(6), 0.0, np.zeros(6), np.full_like(tare.past, np.nan))
         if not level > 0.5:
             return found - tare.zero, tare._replace(tared=0.0)
         if not self._window[1]:

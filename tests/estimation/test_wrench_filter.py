@@ -218,6 +218,22 @@ def test_on_the_station_10_n_on_the_elbow_are_told_apart_from_10_n_on_the_tool()
 
 
 @pytest.mark.slow
+def test_a_tare_is_forgotten_also_in_a_tick_without_readings():
+    def spoiled(t, values):
+        now = abs(t - 1.3) < 0.5 * PERIOD
+        return {"tare": [-float(now)]} | ({"torque_balance": np.full(7, np.nan)} if now else {})
+
+    def tared(t, values):
+        return spoiled(t, values) | ({"tare": [1.0]} if 1.0 < t < 1.2 else {})
+
+    (times, with_tare), (_, without) = (
+        run(WrenchFilter(MODEL, FRICTION, TIP), 1.5, changed=each) for each in (tared, spoiled)
+    )
+    late = times > 1.3 + 0.5 * PERIOD
+    assert np.abs(with_tare["wrench"] - without["wrench"])[(times > 1.2) & ~late].max() > 1.0
+    np.testing.assert_array_equal(with_tare["wrench"][late], without["wrench"][late])
+
+
 def test_a_window_of_the_past_is_tared_but_not_a_contact_that_begins_slowly():
     """1 N is there for 4 s, then 1 N/s more; of it the window of 0.5 to 1.5 s ago takes nothing."""
 
