@@ -151,7 +151,7 @@ class Expression:
                     number = None if any(self._names(other)) else self._value_or_none(other, {})
                     if isinstance(number, float) and any(self._names(side)):
                         name = ast.unparse(side)
-                        low, high = found.get(name, (0.0 if name.startswith("abs(") else -math.inf, math.inf))
+                        low, high = found.get(name, _range(side, {}) if isinstance(side, ast.Call) else _ANY)
                         least, most = _held(type(op), number, mirrored)
                         found[name] = max(low, least), min(high, most)
         return found

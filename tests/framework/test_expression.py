@@ -90,6 +90,8 @@ def test_a_name_that_is_not_known_is_told_with_the_nearest():
         ("1 <= a <= 3", {"a": (1.0, 3.0)}),
         ("3 > a and b.c == 2", {"a": (-math.inf, math.nextafter(3, 2)), "b.c": (2.0, 2.0)}),
         ("abs(a) < 1 and a != 0", {"abs(a)": (0.0, math.nextafter(1, 0)), "a": (-math.inf, math.inf)}),
+        ("abs(a) - 5 < -3", {"abs(a) - 5": (-math.inf, math.nextafter(-3, -4))}),
+        ("abs(a) - abs(b) < -1", {"abs(a) - abs(b)": (-math.inf, math.nextafter(-1, -2))}),
         ("a > 2 * 3 and a < b", {"a": (math.nextafter(6, 7), math.inf)}),
         ("a > 1 or a < 0", {}),
         ("not (a > 1)", {}),
@@ -113,6 +115,7 @@ def test_a_condition_that_cannot_hold_is_refused(text, told):
     with pytest.raises(BadInputError, match=re.escape(told)):
         Expression(text, "success").check_condition()
     Expression("a >= 1 and a <= 1 and b == 'wood'").check_condition()
+    Expression("abs(a) - abs(b) < -1").check_condition()
 
 
 RANGES = {"a": (0.0, 1.0), "b": (2.0, 3.0)}
