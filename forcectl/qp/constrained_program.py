@@ -79,10 +79,10 @@ class Outcome(NamedTuple):
 
     u: Vector
     status: Status
-    slack: float
-    levels: int
-    active: int
-    beyond: float
+    slack: float = 0.0
+    levels: int = 0
+    active: int = 0
+    beyond: float = 0.0
 
 
 class ConstrainedProgram:
@@ -157,7 +157,7 @@ class ConstrainedProgram:
         motion, rows, torque = problem.motion, problem.rows, self._torque
         u, beyond = found.u, 0.0
         if found.levels == 0:
-            u = self._constraints.brake(motion.v, rows)
+            u = self._constraints.brake(motion.v, rows, None if problem.smooth is None else problem.smooth.last)
         if torque is not None and (found.levels == 0 or len(limit) > self._asked(problem)):
             beyond = max(torque.excess(motion, u), 0.0)
         active = 0

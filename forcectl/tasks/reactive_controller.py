@@ -306,7 +306,7 @@ class ReactiveController(SampledBlock):
         rows, state, readings, posed, number, switched = self._tick(context, TickStart(memory, inputs))
         mode = self._modes[number]
         if posed is None:
-            found = Outcome(mode.constraints.brake(v, rows), Status.NOT_FINITE, 0.0, 0, 0, 0.0)
+            found = Outcome(mode.constraints.brake(v, rows, memory["joint_acceleration"]), Status.NOT_FINITE)
         else:
             program: TaskProgram = self._programs.Eval(context)[number]
             found = program.solve(posed)

@@ -50,10 +50,12 @@ def readings(t: float, late: int = 1) -> np.ndarray:
 
 
 def assert_smooth(log: Log) -> None:
-    """Positions and speeds fit each other, accelerations stay within their limits, nothing is no number."""
+    """Positions and speeds fit each other, accelerations and their changes stay within limits, nothing is no number."""
     q, v = log["joint_position_command"], log["joint_velocity_command"]
     assert all(np.isfinite(values).all() for name, values in log.values.items())
     assert (np.abs(np.diff(v, axis=0)) <= LIMITS.acceleration * PERIOD + 1e-9).all()
+    # From rest to the limit in 20 ms.
+    assert (np.abs(np.diff(v, n=2, axis=0)) <= 50 * LIMITS.acceleration * PERIOD**2 + 1e-9).all()
     np.testing.assert_allclose(np.diff(q, axis=0), 0.5 * PERIOD * (v[1:] + v[:-1]), atol=1e-9)
 
 

@@ -32,7 +32,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forcectl.errors import BadInputError, about, invalid, one_line
-from forcectl.framework.batch import batch_values, check
+from forcectl.force.invariance.force_law import one_step_acceleration
+from forcectl.framework.batch import SCALAR_MATH, batch_values, check
 from forcectl.framework.kernels import largest
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.robot.robot_motion import RobotMotion
@@ -40,6 +41,8 @@ from forcectl.tasks.constraints.joint_bounds import JointBounds, bounded_acceler
 from forcectl.tasks.constraints.row_names import row_names, with_rows_at
 
 Vector = NDArray[np.float64]
+
+_AT_REST = 1e-9  # [s] of full acceleration: what is left of speeds that braking has ended
 
 # What one evaluation gives: y, y' (read if r = 2 only), row, bias. Floats and a row of shape (n,), or k of each.
 Evaluation = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
@@ -326,16 +329,24 @@ class ConstraintSet:
         missed = (rate - foreseen) / self._period
         return bound - max(min(missed, -gamma), gamma) if steady and missed == missed else bound
 
-    def brake(self, v: Vector, rows: Rows) -> Vector:
+    def brake(self, v: Vector, rows: Rows, last: Vector | None = None) -> Vector:
         """u that brings all joints to rest together, the slowest with half of its acceleration limit (n,) [rad/s^2].
 
-        The path is kept; only where it would pass a position limit a joint brakes by itself.
+        The path is kept; only where it would pass a position limit a joint brakes by itself. With a time constant T
+        braking begins and ends gradually, see `JointBounds.gradual`; while it begins, each joint is on its own.
 
         Args:
             v: joint speeds [rad/s].
+            rows: with the bounds of u.
+            last: u of the tick before (n,) [rad/s^2]; None: braking may begin at once.
         """
-        time = max((np.abs(v) / self._acceleration).max().item() * 2.0, self._period)
-        return np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
+        bounds = None if last is None else self.joints.gradual(rows.lower, rows.upper, last)
+        lower, upper = bounds or (rows.lower, rows.upper)
+        Ts, left = self._period, (np.abs(v) / self._acceleration).max().item()  # [s] of full acceleration
+        # The share of the limits is to what is left as a speed to the way to go, with braking at 1/T.
+        share = Ts * one_step_acceleration(-left, 0.0, -1.0 / self._slowing, math.inf, Ts, SCALAR_MATH)
+        time = left / min(share, 0.5) if left > _AT_REST else Ts
+        return np.minimum(np.maximum(v / -time, lower), upper)
 
 
 def _slack_weight(constraint: Constraint) -> float:
