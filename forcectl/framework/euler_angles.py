@@ -159,9 +159,14 @@ class EulerAngles:
         about: angles (3,) [rad] that the values are nearest to, see `nearest`; None: the usual range.
         smallest: e [1].
 
+    Attributes:
+        periodic: True: a whole turn of one of the angles changes nothing.
+
     Raises:
         BadInputError: base is not a rotation, or smallest not above 0 and at most 1.
     """
+
+    periodic = True
 
     def __init__(self, base: ArrayLike | None = None, *, about: ArrayLike | None = None, smallest: float = SMALLEST):
         self._back = transposed(base)

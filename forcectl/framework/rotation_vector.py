@@ -1,4 +1,4 @@
-"""Orientation as a rotation vector: free of singularities up to a full turn away from its base::
+"""Orientation as a rotation vector: free of singularities up to half a turn away from its base, where it changes sign::
 
     R = exp([phi]x) R_0,    phi' = A(phi) w,    phi'' = A w' + A' w
     A = 1 - [phi]x/2 + c [phi]x^2,    c = (1 - (t/2) cot(t/2))/t^2,    t = |phi|

@@ -43,7 +43,11 @@ class TaskState(NamedTuple):
 
 
 class Orientation(Protocol):
-    """Three coordinates of an orientation: `RotationVector`, Euler angles, or a user's own."""
+    """Three coordinates of an orientation: `RotationVector`, Euler angles, or a user's own.
+
+    An attribute `periodic`, if it is true, says that a whole turn of each of them changes nothing: a controller then
+    counts the turns.
+    """
 
     def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
         """Of the rotation R (3, 3) that turns at w (3,) [rad/s]."""
@@ -60,6 +64,9 @@ class ArmTask:
         orientation: makes phi, theta, psi; None where the task has none of them.
         priority: the level that it belongs to, 1 is the first.
         frame: whose coordinates they are, in the TCP frame of the arm; None: that frame itself.
+
+    Attributes:
+        arm, coordinates, orientation, priority, frame: the same; orientation None where the task has no angles.
 
     Raises:
         BadInputError: unknown coordinates, or orientation without what makes it.
@@ -83,7 +90,7 @@ class ArmTask:
         if self._rows[-1] > 2 and orientation is None:
             raise BadInputError(f"coordinates {list(coordinates)} of {arm}: orientation is missing")
         self.arm, self.coordinates, self.priority, self.frame = arm, tuple(coordinates), priority, frame
-        self._orientation = orientation if self._rows[-1] > 2 else None
+        self.orientation = orientation if self._rows[-1] > 2 else None
         self._every = len(self._rows) == 6
 
     @property
@@ -95,6 +102,11 @@ class ArmTask:
     def angular(self) -> Vector:
         """True for the coordinates in radians, (k,)."""
         return np.array([row > 2 for row in self._rows])
+
+    @property
+    def periodic(self) -> Vector:
+        """True for the coordinates of which a whole turn changes nothing, (k,)."""
+        return self.angular & getattr(self.orientation, "periodic", False)
 
     def state(self, motion: ArmsMotion) -> TaskState:
         """At the motion of this tick."""
@@ -134,8 +146,8 @@ class ArmTask:
             rotation, wrench: see `felt`.
         """
         along = wrench[3:]
-        if self._orientation is not None:
-            rates = self._orientation.state(rotation, _STILL).rates
+        if self.orientation is not None:
+            rates = self.orientation.state(rotation, _STILL).rates
             along = np.concatenate([along, np.linalg.solve(rates.T, wrench[:3])])
         return along[self._rows]
 
@@ -148,12 +160,12 @@ class ArmTask:
         k, n = self.size, tool.jacobian.shape[1]
         state = TaskState(np.empty(k), np.empty(k), np.empty((k, n)), np.empty(k)) if out is None else out
         value, rate, jacobian, bias = state
-        if self._orientation is None:
+        if self.orientation is None:
             rows = [3 + row for row in self._rows]
             value[:], rate[:] = tool.position[self._rows], tool.velocity[rows]
             jacobian[:], bias[:] = tool.jacobian[rows], tool.bias[rows]
             return state
-        turned = self._orientation.state(tool.rotation, tool.velocity[:3])
+        turned = self.orientation.state(tool.rotation, tool.velocity[:3])
         # x' = map V, with V the spatial velocity [rotation; translation].
         map_ = _TRANSLATION.copy()
         map_[3:, :3] = turned.rates
@@ -170,8 +182,12 @@ class ArmTask:
         return state
 
 
-def gathered(tasks: Sequence[ArmTask], motion: ArmsMotion) -> TaskState:
-    """The coordinates of all tasks, one after the other; those of each are known to the motion, then."""
+def gathered(tasks: Sequence[ArmTask], motion: ArmsMotion, near: Vector | None = None) -> TaskState:
+    """The coordinates of all tasks, one after the other; those of each are known to the motion, then.
+
+    Args:
+        near: values of all of them, (k,): those that are periodic are within half a turn of these.
+    """
     k, begin = sum(task.size for task in tasks), 0
     every = TaskState(np.empty(k), np.empty(k), np.empty((k, len(motion.q))), np.empty(k))
     for task in tasks:
@@ -179,9 +195,12 @@ def gathered(tasks: Sequence[ArmTask], motion: ArmsMotion) -> TaskState:
         own = TaskState(every.value[place], every.rate[place], every.jacobian[place], every.bias[place])
         motion.known[task] = task.of(task.tool(motion), own)
         begin += task.size
+        if near is not None and (periodic := task.periodic).any():
+            own.value[periodic] += _TURN * np.round((near[place] - own.value)[periodic] / _TURN)
     return every
 
 
+_TURN = 2.0 * np.pi
 _STILL = np.zeros(3)
 _TRANSLATION = np.zeros((6, 6))
 _TRANSLATION[:3, 3:] = np.eye(3)

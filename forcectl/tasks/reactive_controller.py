@@ -259,6 +259,7 @@ class ReactiveController(SampledBlock):
             "joint_velocity_command": np.zeros(n),
             "joint_acceleration": np.zeros(n),
             "mode": 0.0,
+            "coordinates": task_start,  # as this tick foresees them
             "foreseen": np.zeros(foreseen),
             **Readings(np.full(n, np.nan), start, np.ones(n), 0.0)._asdict(),
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
@@ -308,8 +309,7 @@ class ReactiveController(SampledBlock):
         if posed is None:
             found = Outcome(mode.constraints.brake(v, rows, memory["joint_acceleration"]), Status.NOT_FINITE)
         else:
-            program: TaskProgram = self._programs.Eval(context)[number]
-            found = program.solve(posed)
+            found = self._programs.Eval(context)[number].solve(posed)
 
         u = found.u
         a = state.jacobian @ u + state.bias
@@ -322,8 +322,7 @@ class ReactiveController(SampledBlock):
         if posed is not None and found.levels > 0:
             error = x - position
             missed = largest(np.abs(error) / self._tolerance)
-            of_tasks = mode.program.costs(error, rate - velocity)
-            costs = np.array([*of_tasks, mode.program.criterion(posed, u)])
+            costs = np.array([*mode.program.costs(error, rate - velocity), mode.program.criterion(posed, u)])
             ahead = None if target is None else mode.asked(target, x)
             led = self._reference_reset.start(led, (position, velocity, acceleration), ahead)
         progress = Progress(*(memory[name] for name in Progress._fields))
@@ -347,6 +346,7 @@ class ReactiveController(SampledBlock):
             "joint_velocity_command": after,
             "joint_acceleration": u,
             "mode": float(number),
+            "coordinates": x,
             "foreseen": longer(mode.constraints.foresee(rows, u), foreseen),
             **readings._asdict(),
             **progress._asdict(),
@@ -364,7 +364,7 @@ class ReactiveController(SampledBlock):
         motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
         if self._bands:
             motion.forces = dict(zip(self._bands, inputs["measured_force"].tolist(), strict=True))
-        state = gathered(self._tasks, motion)
+        state = gathered(self._tasks, motion, memory["coordinates"])
         number = before = int(memory["mode"])
         asked = inputs["mode"].item() if self._has_modes else 0
         good = not stops and asked in range(len(self._modes))

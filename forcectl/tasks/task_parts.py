@@ -80,6 +80,11 @@ class _TaskConfig(Config):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_times(self.targets)
+        if self.orientation == "rotation_vector":
+            angles = slice(sum(name in "xyz" for name in self.coordinates), None)
+            for i, target in enumerate(self.targets):
+                if not np.linalg.norm(target.value[angles]) < np.pi:
+                    raise invalid(f"targets.{i}.value", target.value, "angles of less than half a turn, pi, in all")
 
     def _orientation(self, rotation: NDArray[np.float64]) -> Orientation:
         if self.orientation == "euler_angles":

@@ -43,7 +43,7 @@ def test_task_coordinates_have_the_derivatives_they_say(arm: str) -> None:
 
 def test_some_coordinates_are_rows_of_all() -> None:
     motion, every = at(Q, V), arm_tasks()[1]
-    some = ArmTask("right", ["x", "z", "psi"], every._orientation)
+    some = ArmTask("right", ["x", "z", "psi"], every.orientation)
     places = ArmTask("right", ["x", "z"])
     for task, rows in ((some, [0, 2, 5]), (places, [0, 2])):
         for whole, part in zip(every.state(motion), task.state(motion), strict=True):

@@ -16,6 +16,7 @@ from forcectl.tasks.constraints.task_limits import OfArm, TaskRange, TaskSpeedLi
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.null_space import EvasiveMotion, JointSpeed, QuadraticCost, TowardsSmallMass
 from forcectl.tasks.reactive_controller import ReactiveController
+from forcectl.tasks.reactive_motion import ReactiveMotion
 from forcectl.tasks.relative_task import RelativeTask
 from forcectl.testing.runs import Log, run_diagram
 from tests.examples.reactive_examples import N, arm_tasks, at, reactive_controller, two_arms
@@ -94,7 +95,7 @@ def test_a_lower_priority_gives_way() -> None:
     """A wall keeps the left arm from its height; with position first its place suffers less than with orientation."""
 
     def errors(first: str) -> tuple[float, float]:
-        orientations = [task._orientation for task in arm_tasks()]
+        orientations = [task.orientation for task in arm_tasks()]
         tasks = []
         for task, orientation in zip(arm_tasks(), orientations, strict=True):
             place = ArmTask(task.arm, ["x", "y", "z"], priority=1 if first == "place" else 2)
@@ -230,3 +231,17 @@ def test_leader_and_follower_in_euler_angles() -> None:
     value = np.concatenate([task.state(end).value for task in (leader, follower)])
     expected = start + AMPLITUDE * (1 - np.cos(4 * (log.time[-1] + PERIOD)))
     np.testing.assert_allclose(value, expected, atol=5e-4)
+
+
+@pytest.mark.parametrize("way", [3.6, -3.6])
+def test_euler_angles_go_on_beyond_half_a_turn(way: float) -> None:
+    rotation = at(START).arm("left").rotation
+    task = ArmTask("left", orientation=EulerAngles(rotation, about=[0.0, 0.0, 0.0]))
+    controller = reactive_controller(tasks=[task])
+    goal = controller.task_start + way * np.eye(6)[5]
+    log = run_diagram(ReactiveMotion(controller), 3.2, period=PERIOD, inputs={"task_target": goal})
+    assert log["reached"][-1] == 1
+    turned = log["task_position"][:, 5]
+    assert np.abs(np.diff(turned)).max() <= 1.5 * PERIOD * (1 + 1e-6)
+    assert turned[-1] == pytest.approx(way, abs=1e-3)
+    assert np.abs(log["task_position"][:, :3] - goal[:3]).max() < 1e-4

@@ -62,6 +62,7 @@ def test_targets_as_tasks_are_the_same_run_as_targets_of_poses():
         ("{a: !ArmTask {arm: left, coordinates: [x, w]}}", "w"),
         ("{a: !ArmTask {arm: left, orientation: quaternion}}", "controller.tasks.a.orientation: unknown orientation"),
         ("{a: !ArmTask {arm: left, coordinates: [z], targets: [{value: [1, 2]}]}}", "tasks.a.targets.0.value has 2"),
+        ("{a: !ArmTask {arm: left, coordinates: [z, psi], targets: [{value: [0.2, 3.2]}]}}", "less than half a turn"),
         ("{a: !ArmTask {arm: left, targets: [{value: [.nan]}]}}", "controller.tasks.a.targets.0.value"),
         ("{a: !RelativeTask {leader: left, follower: left}}", "another arm than the leader"),
         ("{a: !Step {}}", "controller.tasks.a"),

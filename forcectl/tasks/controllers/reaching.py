@@ -201,7 +201,8 @@ def task_space(robot: RobotModel, task: ArmTask, posture: Array) -> dict[str, tu
         away += float(np.linalg.norm(middle - shoulder)) + _BEYOND * reach + _offset(task.leader_frame)
         middle = np.zeros(3)
     straight = {name: (float(value - away), float(value + away)) for name, value in zip("xyz", middle, strict=True)}
-    return straight | dict.fromkeys(COORDINATES[3:], (-2 * np.pi, 2 * np.pi))
+    most = np.pi if isinstance(task.orientation, RotationVector) else 2 * np.pi
+    return straight | dict.fromkeys(COORDINATES[3:], (-most, most))
 
 
 def _offset(frame: TaskFrame | None) -> float:

@@ -156,7 +156,7 @@ def test_bad_values_are_refused(changes: dict[str, Any], message: str) -> None:
 
 
 def test_a_task_of_several_coordinates_is_refused() -> None:
-    turned = ArmTask("left", ["psi"], orientation=arm_tasks()[0]._orientation)
+    turned = ArmTask("left", ["psi"], orientation=arm_tasks()[0].orientation)
     for task in (arm_tasks()[0], turned):
         with pytest.raises(BadInputError, match=r"task: coordinates .*: must be one of x, y, z"):
             ForceBand(task, [0.2, 0.5], [1.0, 1.0], 0.1)
