@@ -67,6 +67,7 @@ class ArmTask:
 
     Attributes:
         arm, coordinates, orientation, priority, frame: the same; orientation None where the task has no angles.
+        periodic: places of the coordinates of which a whole turn changes nothing.
 
     Raises:
         BadInputError: unknown coordinates, or orientation without what makes it.
@@ -92,6 +93,7 @@ class ArmTask:
         self.arm, self.coordinates, self.priority, self.frame = arm, tuple(coordinates), priority, frame
         self.orientation = orientation if self._rows[-1] > 2 else None
         self._every = len(self._rows) == 6
+        self.periodic = np.flatnonzero(self.angular) if getattr(self.orientation, "periodic", False) else _NONE
 
     @property
     def size(self) -> int:
@@ -102,11 +104,6 @@ class ArmTask:
     def angular(self) -> Vector:
         """True for the coordinates in radians, (k,)."""
         return np.array([row > 2 for row in self._rows])
-
-    @property
-    def periodic(self) -> Vector:
-        """True for the coordinates of which a whole turn changes nothing, (k,)."""
-        return self.angular & getattr(self.orientation, "periodic", False)
 
     def state(self, motion: ArmsMotion) -> TaskState:
         """At the motion of this tick."""
@@ -195,11 +192,12 @@ def gathered(tasks: Sequence[ArmTask], motion: ArmsMotion, near: Vector | None =
         own = TaskState(every.value[place], every.rate[place], every.jacobian[place], every.bias[place])
         motion.known[task] = task.of(task.tool(motion), own)
         begin += task.size
-        if near is not None and (periodic := task.periodic).any():
+        if near is not None and (periodic := task.periodic).size:
             own.value[periodic] += _TURN * np.round((near[place] - own.value)[periodic] / _TURN)
     return every
 
 
+_NONE = np.zeros(0, dtype=np.intp)
 _TURN = 2.0 * np.pi
 _STILL = np.zeros(3)
 _TRANSLATION = np.zeros((6, 6))

@@ -163,8 +163,8 @@ class CompliantReferences(SampledBlock):
     All outputs are feedthrough of all inputs at the tick, and held.
 
     A coordinate that complies to a force that is not a number, or beyond 1e6, comes to rest until it is one again: with
-    no force along it, and its generator stops. Velocities of dv beyond their limits are brought back with the
-    acceleration limit. References of tasks that are not followed are the commanded motion.
+    no force along it, its generator stops, and a swing begins anew after it. Velocities of dv beyond their limits are
+    brought back with the acceleration limit. References of tasks that are not followed are the commanded motion.
 
     Sampling: every `period` [s]; no delay from the force to the reference, see `SampledBlock`.
 
@@ -210,7 +210,7 @@ class CompliantReferences(SampledBlock):
         none = np.zeros(k)
         memory = {
             "mode": -1.0,
-            "ticks": 0.0,  # since the mode began
+            "ticks": none,  # since the mode began, or the force along a coordinate was a number again
             "trajectory": begin(start)[:].ravel(),
             "swing": np.zeros(3 * k),
             "force": none,  # that coordinates comply to: the measured one behind the hysteresis
@@ -247,7 +247,7 @@ class CompliantReferences(SampledBlock):
             force = np.where(mode.comply & ok, followed, 0.0)
             pushed = np.where(mode.comply & ok, force - mode.force, 0.0)
         if number != before:
-            ticks, goal = 0.0, np.where(np.isnan(mode.position), commanded[0] + mode.by, mode.position)
+            ticks, goal = np.zeros(self._size), np.where(np.isnan(mode.position), commanded[0] + mode.by, mode.position)
             start = commanded.copy()
             still = mode.comply & self._modes[before].comply & (before >= 0)
             start[1:, still] = (own + swing)[1:, still]
@@ -258,6 +258,12 @@ class CompliantReferences(SampledBlock):
         else:
             ticks, goal = memory["ticks"] + 1.0, memory["goal"]
             start = np.where(mode.comply, own, commanded - swing)
+        if not smallest(ok):  # swings end, to begin anew
+            start, swing, ticks = (
+                np.where(ok, start, start + swing),
+                np.where(ok, swing, 0.0),
+                np.where(ok, ticks, -1.0),
+            )
 
         dx, dv = (commanded - swing - start)[:2]
         after = dv
@@ -286,8 +292,9 @@ class CompliantReferences(SampledBlock):
             swing = np.zeros_like(swing)
         for each in mode.swings:
             fixed[each.row] = False
-            swing[:, each.row] = each.at((ticks + 1.0) * Ts)
-            reference[:, each.row] += swing[:, each.row]
+            if ok[each.row]:
+                swing[:, each.row] = each.at((ticks.item(each.row) + 1.0) * Ts)
+                reference[:, each.row] += swing[:, each.row]
         if not every:
             reference = np.where(mode.followed, reference, commanded)
         return {

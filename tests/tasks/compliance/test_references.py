@@ -205,6 +205,20 @@ def test_without_a_number_for_the_force_it_stops_and_says_so():
     assert loop.seen["task_force_ok"][-1].all()
 
 
+def test_without_a_number_for_the_force_a_swing_ends_and_begins_anew():
+    size, f = 0.02, 2.5
+    loop = Loop([mode({"phi": {"comply": True, "swing": SwingConfig(amplitude=size, frequency=f)}})])
+    loop.run(333)
+    loop.run(100, force=lambda x: along(PHI, np.nan))
+    assert abs(loop.motion[1][PHI]) < 1e-12
+    rest = loop.motion[0][PHI]
+    x = np.array([loop.tick()[PHI] for _ in range(300)])
+    assert abs(x[0] - rest) < 1e-5
+    assert np.ptp(x[100:]) == pytest.approx(2 * size, rel=1e-2)
+    speeds = loop.log(NAMES[1])[:, PHI]
+    assert np.abs(np.diff(speeds)).max() / PERIOD < 6.0 + size * (2 * np.pi * f) ** 2
+
+
 # --- where coordinates go --------------------------------------------------------------------------------------------
 
 
