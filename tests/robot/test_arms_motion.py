@@ -65,9 +65,18 @@ def test_the_motion_is_that_of_the_first_arm_and_constraints_for_one_arm_work_un
 def test_a_constraint_of_an_arm_is_the_constraint_of_its_motion() -> None:
     class Wall(CartesianWall):
         slack_weight = 1e4
+        companions = (CartesianWall([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]),)
+
+        def rows_at(self, motion: RobotMotion) -> list[str]:
+            return [f"{motion.position[1]:.6f} m"]
 
     wall = Wall([0.0, 0.0, 0.0], [0.0, 1.0, 1.0], gamma=-3.0)
     of_right, motion = OfArm("right", wall), at(Q, V)
+    assert of_right.rows_at(motion) == wall.rows_at(motion.arm("right")) != wall.rows_at(motion)
+    for mine, expected in zip(
+        of_right.companions[0].evaluate(motion), wall.companions[0].evaluate(motion.arm("right")), strict=True
+    ):
+        np.testing.assert_array_equal(mine, expected)
     assert (of_right.relative_degree, of_right.gamma, of_right.slack_weight) == (2, -3.0, 1e4)
     for mine, expected in zip(of_right.evaluate(motion), wall.evaluate(motion.arm("right")), strict=True):
         np.testing.assert_array_equal(mine, expected)

@@ -97,8 +97,8 @@ class RobustConstraint:
     they are of relative degree 0: never more than gamma_p is asked for, which can always be given.
 
     Args:
-        inner: the constraint. Its gamma is replaced; its margin, slack weight and companions are kept. `LinkDistance`
-            scales rows: bounds of its errors must be ten times as large.
+        inner: the constraint. Its gamma is replaced; its margin, slack weight, companions and names of rows are kept.
+            `LinkDistance` scales rows: bounds of its errors must be ten times as large.
         gamma_p: braking that is always possible, > 0 [unit of y per s^2].
         measurement_error: of y and y'.
         model_error: what y and y' are off after a tick, beside what the model says.
@@ -126,7 +126,7 @@ class RobustConstraint:
             raise invalid("relative_degree of the constraint to make robust", inner.relative_degree, "2")
         self._inner = inner
         self._law = RobustBound(gamma_p, measurement_error, model_error, period, getattr(inner, "margin", 0.0))
-        for name in ("slack_weight", "companions"):
+        for name in ("slack_weight", "companions", "row_names", "rows_at"):
             if hasattr(inner, name):
                 setattr(self, name, getattr(inner, name))
 

@@ -84,7 +84,7 @@ class OfArm:
 
     Args:
         arm: its name.
-        constraint: any; its relative degree, gamma and the like are kept.
+        constraint: any; its relative degree, gamma and the like are kept, and its companions are of the same arm.
     """
 
     def __init__(self, arm: str, constraint: Constraint):
@@ -95,6 +95,9 @@ class OfArm:
         for name in ("gamma", "slack_weight", "margin", "rows_change", "row_names"):
             if hasattr(constraint, name):
                 setattr(self, name, getattr(constraint, name))
+        self.companions = tuple(OfArm(arm, each) for each in getattr(constraint, "companions", ()))
+        if hasattr(constraint, "rows_at"):
+            self.rows_at = lambda motion: constraint.rows_at(motion.arm(arm))
 
     def evaluate(self, motion: RobotMotion) -> Evaluation:
         """See `Constraint`."""

@@ -168,6 +168,7 @@ def test_rows_have_their_own_bounds_and_keep_weight_and_margin() -> None:
         slack_weight = 100.0
         margin = 0.01
         companions = (Batch(),)
+        row_names = ("first", "second")
 
     two = RobustConstraint(Soft(), GAMMA, measurement_error=Errors([0.0, 0.1]), period=TS)
     motion = SimpleNamespace(y=np.array([-0.2, -0.1]), rate=np.zeros(2))
@@ -177,6 +178,7 @@ def test_rows_have_their_own_bounds_and_keep_weight_and_margin() -> None:
     np.testing.assert_array_equal(row, np.eye(2))
     assert two.slack_weight == 100.0  # type: ignore[attr-defined]
     assert two.companions is Soft.companions  # type: ignore[attr-defined]
+    assert two.row_names is Soft.row_names  # type: ignore[attr-defined]
 
 
 def test_it_takes_part_in_a_set_of_constraints() -> None:
