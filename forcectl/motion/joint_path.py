@@ -122,7 +122,7 @@ class DitherConfig(Config):
     amplitude_deg: float = key(0.0, "of the sines; 0: none", unit="deg", bounds="from 0 to 10")
     frequency: float = key(
         3.0,
-        "of the sines; the joints differ a little, so that they do not reverse together",
+        "of the sines, a quarter of a turn apart from joint to joint: never all reverse",
         unit="Hz",
         bounds="positive",
     )
