@@ -142,8 +142,8 @@ class TaskMachineConfig(TaskControllerConfig):
         if controller.force_tasks:
             bands = TaskForce(robot, controller.force_tasks, of_both=self.of_both)
         motion = CompliantMotion(controller, references, forces)
-        made = TaskMachine(motion, machine, tasks, bands, period=model.period)
-        made.port_keys = {"estimated_wrench": self._wants_force(machine)} if forces is not None else {}
+        keys = {"estimated_wrench": self._wants_force(machine)} if forces is not None else {}
+        made = TaskMachine(motion, machine, tasks, bands, port_keys=keys, period=model.period)
         return builder.AddNamedSystem("task_machine", made)
 
     def _wants_force(self, machine: StateMachine) -> str:
@@ -264,6 +264,7 @@ class TaskMachine(PythonDiagram):
         machine: its modes, in the same order.
         tasks: by name, in the order of the coordinates.
         bands: forces that constraints of the motion read, see `ForceBand`; None where there are none.
+        port_keys: which key of the part wants an input, by its name; for messages.
         period: of the tick [s].
     """
 
@@ -276,10 +277,11 @@ class TaskMachine(PythonDiagram):
         tasks: Mapping[str, ArmTask],
         bands: TaskForce | None = None,
         *,
+        port_keys: Mapping[str, str] | None = None,
         period: float,
     ):
         super().__init__()
-        self.port_keys: dict[str, str] = {}
+        self.port_keys = dict(port_keys or {})
         self.port_components = task_components(tasks)
         builder = DiagramBuilder()
         builder.AddNamedSystem("motion", motion)
