@@ -119,7 +119,8 @@ class SurfaceVelocityConfig(LineConfig):
     def _ends(self, period: float) -> tuple[float, float]:
         """Lowest and highest path coordinate, with what ticks may add [m]."""
         s, v, passed = 0.0, 0.0, [0.0]
-        for begin, end, target in zip(self.times, [*self.times[1:], math.inf], self.velocities, strict=True):
+        seen = [_tick(time, period) for time in self.times]
+        for begin, end, target in zip(seen, [*seen[1:], math.inf], self.velocities, strict=True):
             a = math.copysign(self.acceleration, target - v)
             ramp = min(abs(target - v) / self.acceleration, end - begin)
             turn = -v / a
@@ -132,7 +133,9 @@ class SurfaceVelocityConfig(LineConfig):
                 passed.append(s)
         if not max(passed) - min(passed) < _LONGEST:
             raise invalid("velocities", self.velocities, f"those of a path of at most {_LONGEST:g} m")
-        margin = period * max(abs(value) for value in self.velocities)
+        # The last tick of each ramp has less than the acceleration.
+        late = 0.125 * self.acceleration * period**2 * len(seen)
+        margin = period * max(abs(value) for value in self.velocities) + late
         return min(passed) - margin, max(passed) + margin
 
     @staticmethod
@@ -149,3 +152,9 @@ class SurfaceVelocityConfig(LineConfig):
         knots = np.concatenate([back[:0:-1], ahead])
         motion = np.vstack([back_motion[:0:-1], ahead_motion])
         return PiecewisePolynomial.CubicShapePreserving(knots, motion.T)
+
+
+def _tick(time: float, period: float) -> float:
+    """The first tick that is not before a time [s]."""
+    number = math.ceil(time / period - 0.5)  # the one before it, or itself
+    return period * (number + (number * period < time))

@@ -50,6 +50,23 @@ def test_the_tool_moves_with_the_speeds_along_the_line() -> None:
     assert config.interval() == (0.0, 2.0)
 
 
+def test_the_line_is_as_long_as_ticks_make_the_path() -> None:
+    """There and back ten times, back 0.1 ms after a tick each time: seen a tick later, that makes it 1.7 mm longer."""
+    workcell = describe(StationConfig())
+    times = [k * workcell.period + 1e-4 * (k % 100 > 0) for k in range(0, 1050, 50)]
+    speeds = [0.05, -0.05] * 10 + [0.0]
+    config = SurfaceVelocityConfig(times=times, velocities=speeds, acceleration=5.0, direction=[0.0, 1.0, 0.0])
+    block = config.add_to(DiagramBuilder(), workcell.robot, workcell.start, workcell.contact.n)
+    run = run_diagram(block, 2.1, period=workcell.period, outputs=["generator.position", "unconstrained_reference"])
+    context, tips = workcell.robot.create_context(), []
+    for q in run["unconstrained_reference"][::25]:
+        workcell.robot.set_positions(context, workcell.start + q)
+        tips.append(workcell.robot.tip_position(context)[1])
+    path = run["generator.position"][::25, 0]
+    assert path.max() > 6.6e-3
+    np.testing.assert_allclose(np.array(tips) - tips[0], path - path[0], atol=2e-5)
+
+
 def test_it_is_a_motion_of_a_scenario() -> None:
     motion = {"motion": SurfaceVelocityConfig(**SHAPE, direction=[0.0, 1.0, 0.0])}
     log = fc.run({"duration": 2.2, "station": {"fidelity": "Kinematic"}} | motion).log
