@@ -178,8 +178,10 @@ class EulerAngles:
         angles = angles_of(self._back @ rotation, self._about)
         rates = inverse_rate_matrix(angles, self._smallest) @ self._back
         theta = float(angles[1])
-        bias = _bias(math.sin(theta), math.cos(theta), rates @ angular_velocity, self._smallest)
-        return OrientationState(angles, rates, bias)
+        cosine = math.cos(theta)
+        bias = _bias(math.sin(theta), cosine, rates @ angular_velocity, self._smallest)
+        axes = self._back.T @ rate_matrix(angles) if abs(cosine) < self._smallest else None
+        return OrientationState(angles, rates, bias, axes)
 
     def rotation(self, value: ArrayLike) -> Array:
         """R (3, 3) of the angles (3,) [rad]."""

@@ -29,11 +29,14 @@ class OrientationState(NamedTuple):
         value: (3,) [rad].
         rates: (3, 3).
         bias: (3,) [rad/s^2].
+        axes: columns about which the coordinates turn, w = axes phi', where `rates` are damped, (3, 3); None elsewhere,
+            where they are the inverse of `rates`.
     """
 
     value: Vector
     rates: Vector
     bias: Vector
+    axes: Vector | None = None
 
 
 class RotationVector:

@@ -137,15 +137,17 @@ class ArmTask:
     def forces(self, rotation: Vector, wrench: Vector) -> Vector:
         """Generalized forces along the coordinates, (k,) [N or Nm]: their power x'F is that of the wrench.
 
-        The coordinates phi, theta, psi that the task does not have are held.
+        The coordinates phi, theta, psi that the task does not have are held. Near the singularity of Euler angles they
+        are the torques about the axes that the angles turn about, although the rates are damped there.
 
         Args:
             rotation, wrench: see `felt`.
         """
         along = wrench[3:]
         if self.orientation is not None:
-            rates = self.orientation.state(rotation, _STILL).rates
-            along = np.concatenate([along, np.linalg.solve(rates.T, wrench[:3])])
+            turned, torque = self.orientation.state(rotation, _STILL), wrench[:3]
+            about = np.linalg.solve(turned.rates.T, torque) if turned.axes is None else torque @ turned.axes
+            along = np.concatenate([along, about])
         return along[self._rows]
 
     def of(self, tool: Spatial, out: TaskState | None = None) -> TaskState:

@@ -7,7 +7,7 @@ import pytest
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
 
 from forcectl.errors import BadInputError
-from forcectl.framework.euler_angles import EulerAngles
+from forcectl.framework.euler_angles import EulerAngles, rotation_of
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.coordinates import ArmTask
@@ -137,3 +137,14 @@ def test_readings_that_are_no_numbers_say_so():
 def test_bad_input_is_named(tasks, options, told):
     with pytest.raises(BadInputError, match=told):
         TaskForce(two_arms(), tasks, **options)
+
+
+@pytest.mark.parametrize("away", [1.0, 1e-2, 1e-6, 0.0])
+def test_at_the_singularity_of_euler_angles_it_is_the_torque_about_their_axes(away):
+    """The first turns about x of the world, the last about the tool's z."""
+    base, torque = rotation_of([0.5, 0.3, -0.4]), np.array([0.5, -0.8, 0.6])
+    rotation = base @ rotation_of([0.3, np.radians(90 - away), -0.2])
+    force = ArmTask("left", SIX, EulerAngles(base)).forces(rotation, np.array([*torque, 0.0, 0.0, 0.0]))
+    assert force[3] == pytest.approx(torque @ base[:, 0])
+    assert force[5] == pytest.approx(torque @ rotation[:, 2])
+    assert abs(force[4]) <= np.linalg.norm(torque)
