@@ -78,30 +78,11 @@ def nearest(angles: ArrayLike, about: ArrayLike) -> Array:
     return both[0] if one <= other else both[1]
 
 
-def near_singular(angles: ArrayLike, smallest: float = SMALLEST) -> bool:
-    """Whether `inverse_rate_matrix` is damped at these angles (3,) [rad]."""
-    return abs(math.cos(float(np.asarray(angles, dtype=float)[1]))) < smallest
-
-
 def rate_matrix(angles: ArrayLike) -> Array:
     """E, shape (3, 3), of the angles (3,) [rad]."""
     phi, theta, _ = np.asarray(angles, dtype=float).tolist()
     a, s, b = math.cos(phi), math.sin(phi), math.cos(theta)
     return np.array([[1.0, 0.0, math.sin(theta)], [0.0, a, -s * b], [0.0, s, a * b]])
-
-
-def rate_matrix_derivative(angles: ArrayLike, rates: ArrayLike) -> Array:
-    """E', shape (3, 3) [1/s], of the angles (3,) [rad] and their rates (3,) [rad/s]."""
-    phi, theta, _ = np.asarray(angles, dtype=float).tolist()
-    dphi, dtheta, _ = np.asarray(rates, dtype=float).tolist()
-    a, s, b, t = math.cos(phi), math.sin(phi), math.cos(theta), math.sin(theta)
-    return np.array(
-        [
-            [0.0, 0.0, b * dtheta],
-            [0.0, -s * dphi, -a * b * dphi + s * t * dtheta],
-            [0.0, a * dphi, -s * b * dphi - a * t * dtheta],
-        ]
-    )
 
 
 def inverse_rate_matrix(angles: ArrayLike, smallest: float = SMALLEST) -> Array:
@@ -110,44 +91,6 @@ def inverse_rate_matrix(angles: ArrayLike, smallest: float = SMALLEST) -> Array:
     a, s, t = math.cos(phi), math.sin(phi), math.sin(theta)
     k = _reciprocal(math.cos(theta), smallest)
     return np.array([[1.0, s * t * k, -a * t * k], [0.0, a, s], [0.0, -s * k, a * k]])
-
-
-def rates_bias(angles: ArrayLike, angular_velocity: ArrayLike, smallest: float = SMALLEST) -> Array:
-    """(E^-1)' w, shape (3,) [rad/s^2]: the angles' second derivatives are E^-1 w' and this.
-
-    Args:
-        angles: (3,) [rad].
-        angular_velocity: w (3,) [rad/s].
-    """
-    theta = float(np.asarray(angles, dtype=float)[1])
-    rates = inverse_rate_matrix(angles, smallest) @ np.asarray(angular_velocity, dtype=float)
-    return _bias(math.sin(theta), math.cos(theta), rates, smallest)
-
-
-def task_jacobian(jacobian: Array, angles: ArrayLike, *, axis_free: bool = False, smallest: float = SMALLEST) -> Array:
-    """Rows of the task variables' rates per joint speed, shape (6, n), or (5, n) with a free z axis [m, 1].
-
-    Args:
-        jacobian: of the spatial velocity [rotation; translation], (6, n) [1; m].
-        angles: (3,) [rad].
-    """
-    rows = 2 if axis_free else 3
-    return np.concatenate([jacobian[3:], inverse_rate_matrix(angles, smallest)[:rows] @ jacobian[:3]])
-
-
-def task_bias(
-    bias: Array, velocity: Array, angles: ArrayLike, *, axis_free: bool = False, smallest: float = SMALLEST
-) -> Array:
-    """J'q' of the task variables, shape (6,) or (5,) [m/s^2, rad/s^2]: x'' = J u + J'q' with J of `task_jacobian`.
-
-    Args:
-        bias: J'q' of the spatial velocity, (6,) [rad/s^2; m/s^2].
-        velocity: the spatial velocity, (6,) [rad/s; m/s].
-        angles: (3,) [rad].
-    """
-    rows = 2 if axis_free else 3
-    turning = inverse_rate_matrix(angles, smallest) @ bias[:3] + rates_bias(angles, velocity[:3], smallest)
-    return np.concatenate([bias[3:], turning[:rows]])
 
 
 class EulerAngles:
