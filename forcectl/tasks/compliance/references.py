@@ -196,6 +196,7 @@ class CompliantReferences(SampledBlock):
             raise invalid("modes", list(modes), "at least one")
         self._modes, sizes = tuple(modes), [check_count("groups", count) for count in groups]
         k = self._size = sum(sizes)
+        self._nothing_felt = np.ones(k, dtype=bool), np.zeros(k), np.zeros(k)
         every = [mode.limits for mode in modes]
 
         def planners() -> list[Planner]:
@@ -237,33 +238,19 @@ class CompliantReferences(SampledBlock):
         commanded = np.array([inputs[name] for name in _START])
         state = TrajectoryState(memory["trajectory"].reshape(-1, self._size))
         own, swing = state[:3], memory["swing"].reshape(3, -1)
-        ok, force, pushed = np.ones(self._size, dtype=bool), np.zeros(self._size), np.zeros(self._size)
         complies = largest(mode.comply)
-        if complies:
-            measured = inputs["task_force"]
-            ok = (np.abs(measured) < _LARGEST_FORCE) | ~mode.comply
-            width = np.minimum(mode.hysteresis, np.abs(measured))
-            followed = np.minimum(np.maximum(memory["force"], measured - width), measured + width)
-            force = np.where(mode.comply & ok, followed, 0.0)
-            pushed = np.where(mode.comply & ok, force - mode.force, 0.0)
+        ok, force, pushed = self._felt(mode, memory["force"], inputs["task_force"]) if complies else self._nothing_felt
         if number != before:
             ticks, goal = np.zeros(self._size), np.where(np.isnan(mode.position), commanded[0] + mode.by, mode.position)
-            start = commanded.copy()
-            still = mode.comply & self._modes[before].comply & (before >= 0)
-            start[1:, still] = (own + swing)[1:, still]
-            asked = np.clip(pushed / mode.damping_at(commanded[0]), mode.slowest, mode.fastest)
-            taken = np.clip(commanded[1], np.minimum(asked, 0.0), np.maximum(asked, 0.0))
-            start[1] -= np.where(mode.stays & mode.comply & ~still, taken, 0.0)
+            complied = mode.comply & self._modes[before].comply & (before >= 0)
+            start = self._taken_over(mode, complied, commanded, own + swing, pushed)
             swing = np.zeros_like(swing)
         else:
             ticks, goal = memory["ticks"] + 1.0, memory["goal"]
             start = np.where(mode.comply, own, commanded - swing)
         if not smallest(ok):  # swings end, to begin anew
-            start, swing, ticks = (
-                np.where(ok, start, start + swing),
-                np.where(ok, swing, 0.0),
-                np.where(ok, ticks, -1.0),
-            )
+            start = np.where(ok, start, start + swing)
+            swing, ticks = np.where(ok, swing, 0.0), np.where(ok, ticks, -1.0)
 
         dx, dv = (commanded - swing - start)[:2]
         after = dv
@@ -309,6 +296,39 @@ class CompliantReferences(SampledBlock):
             "task_displacement": dx,
             "task_force_ok": ok.astype(float),
         }
+
+    @staticmethod
+    def _felt(mode: ModeReferences, last: Array, measured: Array) -> tuple[Flags, Array, Array]:
+        """Whether the force along a coordinate is known, that behind the hysteresis, and what of it is given way to.
+
+        The forces are 0 where a coordinate does not comply or its force is not known.
+
+        Args:
+            last: behind the hysteresis at the tick before.
+            measured: as it came in.
+        """
+        ok = (np.abs(measured) < _LARGEST_FORCE) | ~mode.comply
+        width = np.minimum(mode.hysteresis, np.abs(measured))
+        followed = np.minimum(np.maximum(last, measured - width), measured + width)
+        force = np.where(mode.comply & ok, followed, 0.0)
+        return ok, force, np.where(mode.comply & ok, force - mode.force, 0.0)
+
+    @staticmethod
+    def _taken_over(mode: ModeReferences, complied: Flags, commanded: Array, own: Array, pushed: Array) -> Array:
+        """The motion (3, k) that the generator goes on from at a switch of modes; the rest of the speed is dv.
+
+        Args:
+            complied: that comply, and did in the mode before.
+            commanded: motion of the coordinates (3, k).
+            own: that of generator and swing (3, k).
+            pushed: what is given way to (k,).
+        """
+        start = commanded.copy()
+        start[1:, complied] = own[1:, complied]
+        steady = np.clip(pushed / mode.damping_at(commanded[0]), mode.slowest, mode.fastest)
+        taken = np.clip(commanded[1], np.minimum(steady, 0.0), np.maximum(steady, 0.0))
+        start[1] -= np.where(mode.stays & mode.comply & ~complied, taken, 0.0)
+        return start
 
     def _filtered(
         self, mode: ModeReferences, position: Array, dx: Array, dv: Array, force: Array
