@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.estimation.wrench_between import moved_wrench
 from forcectl.framework.batch import check_count
+from forcectl.framework.kernels import largest
 from forcectl.framework.rotation_vector import OrientationState
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.robot_motion import TipPose
@@ -67,7 +68,7 @@ class ArmTask:
 
     Attributes:
         arm, coordinates, orientation, priority, frame: the same; orientation None where the task has no angles.
-        periodic: places of the coordinates of which a whole turn changes nothing.
+        periodic: True for the coordinates of which a whole turn changes nothing, (k,).
 
     Raises:
         BadInputError: unknown coordinates, or orientation without what makes it.
@@ -93,7 +94,7 @@ class ArmTask:
         self.arm, self.coordinates, self.priority, self.frame = arm, tuple(coordinates), priority, frame
         self.orientation = orientation if self._rows[-1] > 2 else None
         self._every = len(self._rows) == 6
-        self.periodic = np.flatnonzero(self.angular) if getattr(self.orientation, "periodic", False) else _NONE
+        self.periodic = np.logical_and(self.angular, getattr(self.orientation, "periodic", False))
 
     @property
     def size(self) -> int:
@@ -194,12 +195,12 @@ def gathered(tasks: Sequence[ArmTask], motion: ArmsMotion, near: Vector | None =
         own = TaskState(every.value[place], every.rate[place], every.jacobian[place], every.bias[place])
         motion.known[task] = task.of(task.tool(motion), own)
         begin += task.size
-        if near is not None and (periodic := task.periodic).size:
-            own.value[periodic] += _TURN * np.round((near[place] - own.value)[periodic] / _TURN)
+    if near is not None and largest(np.abs(near - every.value)) > 0.5 * _TURN:
+        turns = np.round((near - every.value) / _TURN)
+        every.value[:] += np.where(np.concatenate([task.periodic for task in tasks]), _TURN * turns, 0.0)
     return every
 
 
-_NONE = np.zeros(0, dtype=np.intp)
 _TURN = 2.0 * np.pi
 _STILL = np.zeros(3)
 _TRANSLATION = np.zeros((6, 6))
