@@ -87,11 +87,10 @@ class ReferenceReset:
         x, rate, _ = motion
         way = np.zeros_like(x) if target is None else target - x
         left = np.sqrt(self._sum((self._scale * way) ** 2))
-        if not np.isfinite(left).all():
-            return x, rate
-        left = np.maximum(left, _TINY)
+        unknown = self._each(~np.isfinite(left))  # of the tasks whose target is no number
+        way, left = np.where(unknown, 0.0, way), np.where(np.isfinite(left), np.maximum(left, _TINY), _TINY)
         onward = np.maximum(self._sum(self._scale**2 * way * rate) / left**2, 0.0)
-        return x + self._each(np.minimum(LENGTH / left, 1.0)) * way, self._each(onward) * way
+        return x + self._each(np.minimum(LENGTH / left, 1.0)) * way, np.where(unknown, rate, self._each(onward) * way)
 
     def _sum(self, values: Vector) -> Vector:
         """Over the coordinates of each task."""

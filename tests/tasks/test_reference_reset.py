@@ -89,3 +89,12 @@ def test_without_a_target_it_comes_back_to_the_motion(target: np.ndarray | None)
     assert X[0] < position[0] < X[0] + LENGTH
     assert 0.3 < velocity[1] < 1.0
     assert np.isfinite(position).all()
+
+
+def test_a_target_that_is_no_number_is_that_of_its_task_alone() -> None:
+    position, rate = X + 3 * LENGTH * np.tile([0.6, 0.0, 0.8, 0.0, 0.0, 0.0], 2), np.full(12, 0.1)
+    half = np.where(np.arange(12) == 2, np.nan, TARGET)
+    both, some, none = (start(position, rate, rate, target) for target in (TARGET, half, np.full(12, np.nan)))
+    for found, first, second in zip(some, none, both, strict=True):
+        np.testing.assert_array_equal(found, np.concatenate([first[:6], second[6:]]))
+    assert (both[1][6:] != none[1][6:]).any()
