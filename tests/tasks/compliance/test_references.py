@@ -30,6 +30,7 @@ TASKS = {
 ROWS = {(name, each): i for i, (name, each) in enumerate((n, c) for n, task in TASKS.items() for c in task.coordinates)}
 START = np.array([0.01, -0.02, 0.3, 0.1, -0.1, 0.5, 0.6])
 Z, PHI = ROWS["peg", "z"], ROWS["peg", "phi"]
+PUSH = {"comply": True, "force": 7.0, "speed_limit": [-0.03, 0.02], "damping": 60.0}
 NAMES = ("task_position_reference", "task_velocity_reference", "task_acceleration_reference")
 
 
@@ -128,8 +129,7 @@ def wall(stiffness: float) -> Callable[[np.ndarray], np.ndarray]:
 @pytest.mark.parametrize("stiffness", [500.0, 2000.0, 8000.0])
 def test_a_push_ends_at_the_desired_force(stiffness):
     """H and D within docs/admittance.md for these springs."""
-    push = {"comply": True, "force": 7.0, "speed_limit": [-0.03, 0.02], "damping": 60.0}
-    loop = Loop([mode({"z": push})])
+    loop = Loop([mode({"z": PUSH})])
     x = loop.run(1500, force=wall(stiffness))
     assert wall(stiffness)(x)[Z] == pytest.approx(7.0, rel=1e-3)
     assert loop.log(NAMES[1])[:, Z].min() == pytest.approx(-0.03, abs=1e-12)  # on the way there
@@ -144,8 +144,7 @@ def test_a_speed_into_the_surface_ends_at_the_force_that_stops_it():
 
 @pytest.mark.parametrize("force", [-3.0, 0.0, 4.0, 6.5, 7.5, 20.0])
 def test_a_force_driven_push_is_a_speed_between_limits(force):
-    push = {"comply": True, "force": 7.0, "speed_limit": [-0.03, 0.02], "damping": 60.0}
-    loop = Loop([mode({"z": push})])
+    loop = Loop([mode({"z": PUSH})])
     loop.run(400, force=lambda x: along(Z, force))
     assert loop.motion[1][Z] == pytest.approx(-np.clip((7.0 - force) / 60.0, -0.02, 0.03), abs=1e-9)
     positions, speeds = loop.log(NAMES[0])[:, Z], loop.log(NAMES[1])[:, Z]
@@ -154,8 +153,7 @@ def test_a_force_driven_push_is_a_speed_between_limits(force):
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_what_gives_way_too_fast_for_the_next_mode_slows_down_within_the_acceleration_limit(sign):
-    slow = {"comply": True, "speed_limit": [-0.02, 0.02]}
-    loop = Loop([mode({"z": {"comply": True}}), mode({"z": slow})])
+    loop = Loop([mode({"z": {"comply": True}}), mode({"z": {"comply": True, "speed_limit": [-0.02, 0.02]}})])
     loop.run(100, 0, lambda x: along(Z, 3.0 * sign))
     assert loop.motion[1][Z] == pytest.approx(0.1 * sign)
     loop.run(50, 1, lambda x: along(Z, 3.0 * sign))
@@ -167,8 +165,7 @@ def test_what_gives_way_too_fast_for_the_next_mode_slows_down_within_the_acceler
 def test_a_push_that_begins_in_motion_only_slows_down(force, after):
     """The push asks for a speed that the motion has more than enough of: it goes down to that within the jerk limit."""
     limits = MotionLimitsConfig()
-    push = {"comply": True, "force": 7.0, "speed_limit": [-0.03, 0.02], "damping": 60.0}
-    loop = Loop([mode({"z": {"velocity": -0.075}}), mode({"z": push})])
+    loop = Loop([mode({"z": {"velocity": -0.075}}), mode({"z": PUSH})])
     loop.run(100)
     loop.run(100, 1, lambda x: along(Z, force))
     speeds, accelerations = loop.log(NAMES[1])[99:, Z], loop.log(NAMES[2])[99:, Z]
@@ -180,8 +177,7 @@ def test_a_push_that_begins_in_motion_only_slows_down(force, after):
 @pytest.mark.parametrize(("z", "factor"), [(0.5, 1.0), (0.3, 1.0), (0.25, 3.0), (0.2, 5.0), (0.1, 5.0)])
 def test_damping_grows_with_another_coordinate(z, factor):
     table = DampingOverConfig(coordinate="z", at=[0.2, 0.3], factor=[5.0, 1.0])
-    start = START.copy()
-    start[Z] = z
+    start = np.where(np.arange(7) == Z, z, START)
     loop = Loop([mode({"phi": {"comply": True, "damping": 0.2, "damping_over": table}})], start)
     loop.run(400, force=lambda x: along(PHI, 0.1))
     assert loop.motion[1][PHI] == pytest.approx(0.1 / (0.2 * factor), rel=1e-9)
@@ -206,17 +202,13 @@ def test_without_a_number_for_the_force_it_stops_and_says_so():
 
 
 def test_without_a_number_for_the_force_a_swing_ends_and_begins_anew():
-    size, f = 0.02, 2.5
-    loop = Loop([mode({"phi": {"comply": True, "swing": SwingConfig(amplitude=size, frequency=f)}})])
-    loop.run(333)
-    loop.run(100, force=lambda x: along(PHI, np.nan))
-    assert abs(loop.motion[1][PHI]) < 1e-12
-    rest = loop.motion[0][PHI]
-    x = np.array([loop.tick()[PHI] for _ in range(300)])
-    assert abs(x[0] - rest) < 1e-5
-    assert np.ptp(x[100:]) == pytest.approx(2 * size, rel=1e-2)
-    speeds = loop.log(NAMES[1])[:, PHI]
-    assert np.abs(np.diff(speeds)).max() / PERIOD < 6.0 + size * (2 * np.pi * f) ** 2
+    loop = Loop([mode({"phi": {"comply": True, "swing": SwingConfig(amplitude=0.02, frequency=2.5)}})])
+    for ticks, force in ((333, 0.0), (100, np.nan), (300, 0.0)):
+        loop.run(ticks, force=lambda x, force=force: along(PHI, force))
+    x, speed = (loop.log(name)[:, PHI] for name in NAMES[:2])
+    assert np.abs(speed[400:433]).max() < 1e-12
+    assert np.ptp(x[533:]) == pytest.approx(0.04, rel=1e-2)
+    assert np.abs(np.diff(speed)).max() / PERIOD < 6.0 + 0.02 * (5 * np.pi) ** 2
 
 
 # --- where coordinates go --------------------------------------------------------------------------------------------

@@ -18,6 +18,8 @@ from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
 from forcectl.force.invariance.robot import JointLimitConfig
+from forcectl.framework.euler_angles import EulerAngles
+from forcectl.framework.rotation_vector import RotationVector
 from forcectl.framework.yaml_tree import parse
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.contact.obstacle import ObstacleConfig
@@ -26,7 +28,8 @@ from forcectl.runs.result import RunResult
 from forcectl.scenario.scenario import Scenario
 from forcectl.tasks.constraints.parts import SpeedLimitConfig, WallConfig
 from forcectl.tasks.controllers.base import ModeConfig
-from forcectl.tasks.controllers.reaching import RandomMovesConfig, ReachConfig, ReactiveReachingConfig
+from forcectl.tasks.controllers.reaching import RandomMovesConfig, ReachConfig, ReactiveReachingConfig, task_space
+from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.null_space_parts import (
     ConstraintPotentialConfig,
     EvasiveConfig,
@@ -38,7 +41,7 @@ from forcectl.tasks.null_space_parts import (
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.task_parts import ArmTaskConfig, start_motion
 from forcectl.testing import assert_memory_released
-from tests.examples.reactive_examples import at
+from tests.examples.reactive_examples import at, two_arms
 from tests.examples.stations import free
 
 
@@ -339,3 +342,9 @@ def test_the_signal_of_the_modes_must_be_there() -> None:
     made.estimators.clear()
     with pytest.raises(BadInputError, match=r"wants mode .*, which nothing puts out"):
         fc.build(made)
+
+
+@pytest.mark.parametrize(("orientation", "most"), [(RotationVector(), np.pi), (EulerAngles(), 2 * np.pi)])
+def test_a_rotation_vector_has_no_values_beyond_half_a_turn(orientation: Any, most: float) -> None:
+    robot, task = two_arms(), ArmTask("left", ["z", "psi"], orientation)
+    assert task_space(robot, task, robot.parameters.default_posture)["psi"] == (-most, most)
