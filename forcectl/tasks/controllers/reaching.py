@@ -101,11 +101,11 @@ class ReactiveReachingConfig(TaskControllerConfig):
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """A `ReactiveReaching`."""
         tasks = self._tasks(start_motion(model))
-        _check_places(tasks, model)
         modes = {str(i): mode for i, mode in enumerate(self.modes)}
         named = {name: task for name, task, _ in tasks}
         controller = self.made_controller(model, named, modes)
         targets = _targets(tasks, controller.task_start)
+        _check_places(tasks, model)
         made = ReactiveReaching(controller, targets, self.motion_limits, named)
         return builder.AddNamedSystem("reactive_reaching", made)
 
@@ -157,8 +157,6 @@ def _check_places(tasks: Sequence[NamedTask], model: PlantModel) -> None:
         shoulder, reach = arm_reach(model.known_robot(), task.arm, model.start)
         for where, target in targets:
             place = target.value[:3]
-            if len(place) < 3 or np.abs(place).max() > _FARTHEST:
-                continue  # refused with the start
             if (away := float(np.linalg.norm(place - shoulder))) > _BEYOND * reach:
                 near = f"within {_BEYOND * reach:.3g} m, {_BEYOND:g} times the length of the arm, of its first joint"
                 raise invalid(where, place, f"{near} at {shoulder.round(3).tolist()}: it is {away:.3g} m away")

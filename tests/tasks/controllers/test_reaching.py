@@ -138,6 +138,8 @@ def test_a_loop_that_is_dropped_gives_its_memory_back() -> None:
 def test_a_target_that_no_arm_could_reach_is_refused() -> None:
     with pytest.raises(BadInputError, match=r"targets\.0\.position = .*must be within 10 m or rad of the start"):
         build(targets=[ReachConfig(arm="left", position=[100.0, 0.3, 0.3])])
+    with pytest.raises(BadInputError, match="times the length of the arm"):  # 10 m from the start, not from 0
+        build(targets=[ReachConfig(arm="left", position=[-10.005, 0.3, 0.3])])
 
 
 def test_a_speed_margin_of_everything_is_refused() -> None:
