@@ -102,11 +102,11 @@ class RotationVector:
         return R
 
 
-def transposed(base: ArrayLike | None) -> Vector:
-    """R_0', shape (3, 3), of the base R_0 of coordinates, checked; None: the identity."""
-    R = np.eye(3) if base is None else np.asarray(base, dtype=float)
+def transposed(rotation: ArrayLike | None, name: str = "base") -> Vector:
+    """R', shape (3, 3), of a rotation R that is called `name`, checked; None: the identity."""
+    R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
     if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
-        raise invalid("base", R.tolist(), "a rotation matrix (3, 3)")
+        raise invalid(name, R.tolist(), "a rotation matrix (3, 3)")
     return R.T
 
 

@@ -56,7 +56,7 @@ class TaskFrame:
 
     def __init__(self, position: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = None):
         self.position = batch_values("position", position, 3)
-        self.rotation: Array = transposed(rotation).T
+        self.rotation: Array = transposed(rotation, "rotation").T
 
     def pose(self, body: TipPose) -> TipPose:
         """The pose of the frame, of that of the body."""
