@@ -6,7 +6,7 @@ A load of the list acts from `start` on: each of its wrenches for `hold`, with a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +60,13 @@ class LoadConfig(Config):
     def duration(self) -> float:
         """Of one repeat [s]."""
         return len(self.wrenches) * (self.hold + self.pause)
+
+    def edges(self) -> Iterator[float]:
+        """Times at which it begins and ends to change, of its first three repeats [s]."""
+        for repeat in range(min(self.repeats, 3)):
+            for i in range(len(self.wrenches)):
+                begin = self.start + repeat * self.every + i * (self.hold + self.pause)
+                yield from (begin, begin + self.ramp, begin + self.hold - self.ramp, begin + self.hold)
 
     def wrench(self, time: float) -> Array:
         """The wrench at a time [s], shape (6,) [Nm, N]."""

@@ -12,7 +12,6 @@ import numpy as np
 from forcectl.errors import about, invalid
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
-from forcectl.motion.loads import LoadConfig
 from forcectl.scenario.catalog import find_preset
 from forcectl.scenario.trees import to_tree
 
@@ -84,23 +83,15 @@ def _check_loads(loads: Sequence[Any]) -> None:
     """Loads at one place do not cancel each other all the time."""
     places: dict[tuple[str, str], list[int]] = {}
     for i, load in enumerate(loads):
-        if isinstance(load, LoadConfig):
+        if hasattr(load, "edges"):
             places.setdefault((load.arm, load.body), []).append(i)
     for numbers in places.values():
         own = [loads[i] for i in numbers]
-        times = sorted({time for load in own for time in _edges(load)})
+        times = sorted({time for load in own for time in load.edges()})
         between = [0.5 * (one + other) for one, other in pairwise(times)]
         if all(np.abs(sum(load.wrench(time) for load in own)).max() < _NOTHING for time in between):
             allowed = f"other than what cancels the loads before it: together {len(own)} loads are none at any time"
             raise invalid(f"station.loads.{numbers[-1]}.wrenches", own[-1].wrenches, allowed)
-
-
-def _edges(load: LoadConfig) -> Iterator[float]:
-    """Times at which a load changes, of its first repeats [s]."""
-    for repeat in range(min(load.repeats, 3)):
-        for i in range(len(load.wrenches)):
-            begin = load.start + repeat * load.every + i * (load.hold + load.pause)
-            yield from (begin, begin + load.ramp, begin + load.hold - load.ramp, begin + load.hold)
 
 
 def check_surfaces(scenario: Scenario, loop: Loop) -> None:
