@@ -181,9 +181,11 @@ class RobotModel(PlantJoints):
         self.motor_from_joint = parameters.gear_ratio[:, None] * parameters.coupling()
         self.motor_inertia = self.motor_from_joint.T @ np.diag(parameters.rotor_inertia) @ self.motor_from_joint
         self.link_compliance = parameters.bending(stiffness_set)
-        self._link_frames = {
-            frame: frame_named(plant, frame, parts.instance, "link_compliance") for frame in parameters.link_compliance
+        # Frames of sets that are not chosen must be there, too.
+        frames = {
+            name: frame_named(plant, name, parts.instance, "link_compliance") for name in parameters.link_compliance
         }
+        self._link_frames = {name: frames[name] for name in self.link_compliance}
 
     @classmethod
     def load(

@@ -33,7 +33,7 @@ LONGEST_DURATION = 86_400.0  # [s]
 _STARTS = ("start", "start_time", "tare_start", "time", "times", "released_at")
 # Keys of what takes a while to begin [s].
 _LASTS = {
-    "controller": ("hold", "ramp", "derivative_filter", "reference_filter", "feed_forward_filter", "rise_time"),
+    "controller": ("hold", "ramp"),
     "station": ("delay", "posture_period"),
     "guard": ("patience", "frozen_time"),
     "estimators": ("tare_duration",),
@@ -340,7 +340,8 @@ def _check_lasting(scenario: Scenario) -> None:
     check_lengths(scenario, longest, times)
     for name in ("station", "controller"):
         for key, field, value in values(getattr(scenario, name), name, "s"):
-            if field.name == "duration" and "faults" not in key and longest < value < np.inf:
+            lasts = field.name in ("duration", "rise_time") or field.name.endswith("_filter")
+            if lasts and "faults" not in key and value is not None and longest < value < np.inf:
                 raise invalid(key, value, f"at most {longest:g} s, {times}")
     if scenario.after_end is not None and scenario.after_end >= scenario.duration:
         raise invalid("after_end", scenario.after_end, f"below duration = {scenario.duration:g} s")

@@ -220,5 +220,5 @@ def test_bad_depth_is_refused_by_name(depth):
 
 
 def test_something_that_is_no_diagram_is_refused():
-    with pytest.raises(BadInputError, match="diagram = 'loop'"):
+    with pytest.raises(BadInputError, match="takes a Drake system, not str"):
         graph("loop")

@@ -178,7 +178,7 @@ def test_a_known_gap_is_shown_as_missed_with_its_reason_and_fails_no_check(files
 
 def test_a_known_gap_that_is_met_is_out_of_date_and_fails_a_check(files, warm, monkeypatch, capfd):
     gap = "maximum: 50.0, fidelities: [Kinematic], gaps: {Kinematic: it sticks}}"
-    kept = QUICK.replace("maximum: 50.0, fidelities: [Kinematic]}", gap).replace("relative: 0.01", "relative: 10.0")
+    kept = QUICK.replace("maximum: 50.0, fidelities: [Kinematic]}", gap).replace("relative: 0.01", "relative: 2.0")
     (files / "quick.yaml").write_text(kept)
     arguments = ["quick.yaml", "--check", "--workers", "1", "--out", "here"]
     code, output = call([*arguments, "--fidelity", "Kinematic"], monkeypatch, capfd)
