@@ -95,6 +95,27 @@ def test_cases_and_compared_arms_have_tables_of_their_own(tmp_path):
     assert [row["trials"] for row in page.table("arm", "trials", "median [s]")] == ["12", "12"]
 
 
+@pytest.mark.usefixtures("no_figures")
+def test_a_median_of_some_trials_says_of_how_many(tmp_path):
+    """Forces that do not settle have no settling time: the median of those that do is not that of the arm."""
+
+    def row(trial, _):
+        return {"overshoot_pct": 1.0, "settling_time_2pct_s": 1.5 if trial.number < 3 else None}
+
+    shown = {"shown": ["overshoot_pct", "settling_time_2pct_s"]}
+    _, _, page = written(tmp_path / "one", {"seeds": 12, **shown}, row)
+    (arm,) = page.table("arm", "finished")
+    assert arm["median settling_time_2pct_s"] == "1.5 (of 3)"
+    assert arm["median overshoot_pct"] == "1"
+    assert "count as independent" not in page.text
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_several_seeds_of_several_points_are_said_not_to_be_further_points(tmp_path):
+    _, _, page = written(tmp_path, GRID, lambda *_: {"overshoot_pct": 1.0})
+    assert "on these 4 points" in page.text
+
+
 def test_every_figure_is_within_the_page_and_beside_it(tmp_path):
     _, _, page = written(tmp_path, GRID)
     names = [address for address in page.addresses if address.startswith("figures/")]

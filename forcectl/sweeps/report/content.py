@@ -171,8 +171,24 @@ def arms_table(study: Study, table: pd.DataFrame) -> TextTable:
         share = f"{100 * rate.share:.1f}" if rate.trials else _NOTHING
         row = [rate.arm or "all trials", len(own), failed, rate.successes, share, interval]
         row += [int(noted.get(name, 0)) for name in findings]
-        rows.append([*row, *(shown(float(own[name].median())) for name in metrics)])
+        rows.append([*row, *(_median(own.loc[own["state"] == "done", name]) for name in metrics)])
     return TextTable(head, rows)
+
+
+def _median(values: pd.Series) -> str:
+    """The median, and of how many where not all have a value."""
+    there = int(values.count())
+    return shown(float(values.median())) + ("" if there in (0, len(values)) else f" (of {there})")
+
+
+def independence(study: Study) -> str:
+    """What the numbers of trials do not say, where points were run with several seeds each; else nothing."""
+    if study.config.cases or len(study.points) < 2 or len(study.seeds or [0]) < 2:
+        return ""
+    return (
+        "The trials of a point count as independent ones: intervals and p are those of further seeds on these "
+        f"{len(study.points)} points. For further points intervals would be wider and p larger."
+    )
 
 
 def cases_table(study: Study, table: pd.DataFrame) -> TextTable:

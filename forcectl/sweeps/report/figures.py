@@ -197,7 +197,7 @@ def draw(study: Study, results: Results, table: pd.DataFrame) -> tuple[list[Draw
         chosen = by_influence(columns, values)[:_MOST_KEYS] or [arm_column(study, table)]
         figure = metric_figure(chosen, values, arm, study.arms, with_unit(name))
         caption = "Medians; bars and bands are ranges from 10 to 90 % of the trials, dots are trials."
-        caption += f" {_count(values)} of {len(values)} trials have a value; trials that fail have none."
+        caption += f" {_count(values)} of {len(values)} trials have a value."
         drawn.append(Drawn(f"metric_{_stem(name)}", name, caption, figure))
     ranked = ({label: good} if counted else {}) | numbers if len(columns) > 1 else {}
     for name, values in ranked.items():

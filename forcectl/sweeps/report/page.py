@@ -56,6 +56,7 @@ def write_report(
         keys=content.keys_table(study),
         settings=content.settings_tables(study),
         arms=content.arms_table(study, table),
+        independence=content.independence(study),
         cases=content.cases_table(study, table),
         comparisons=content.comparisons(study, table),
         figures=_within(drawn, files),
