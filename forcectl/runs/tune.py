@@ -29,6 +29,7 @@ from forcectl.runs.records.record_checks import (
     check_repeated,
     check_signs,
     check_stiffness,
+    suspicions,
 )
 from forcectl.runs.records.recorded import LONG_REST, NAMES, Recorded, read_record
 from forcectl.runs.tuning_report import summary
@@ -159,7 +160,7 @@ class Tuned:
                 f"FIR coefficients are for the period of the record, {self.record.period:g} s, and the station runs at "
                 f"{_CONTROL_PERIOD:g} s: set station.period"
             )
-        return (*self.fit.warnings, *own)
+        return (*self.fit.warnings, *suspicions(self.record), *own)
 
 
 def tune_vrft(

@@ -19,6 +19,7 @@ OUT_OF_REACH = 0.1  # a model mismatch above this is said to be out of reach, a 
 _BETTERED = 1.25  # times the least mismatch: more than that is said to be out of reach, too
 _NONE = 1e-4  # a mismatch that is none
 _NOISE_SHARE = 0.1  # of what tells a gain apart: above, it is not identifiable
+_NOISE_OF_ONE = 4.0  # times its rms that noise may be in one sample
 _STANDARD_ERRORS = 3.0  # nor is it when zero is within so many
 
 
@@ -119,7 +120,7 @@ def warnings(fit: VrftFit, y: Array) -> Iterator[str]:
         yield f"{_named(fit, noisy)} not identifiable: {share}; leave {it} out or move faster"
     if open_sign.any():
         yield f"{_named(fit, open_sign)} not identifiable: within {_STANDARD_ERRORS:g} standard errors of zero"
-    if abs(y[0]) > 0.1 * float(np.sqrt(np.mean(y**2))):
+    if abs(y[0]) > 0.1 * float(np.sqrt(np.mean(y**2))) + _NOISE_OF_ONE * (fit.noise_rms or 0.0):
         yield f"the record does not begin at rest: y[0] = {y[0]:.3g}; u and y must be deviations from rest"
     if abs(fit.model.static_gain - 1) > 1e-6:
         yield f"the reference model ends at {fit.model.static_gain:.4g} of the reference, not at 1"

@@ -235,6 +235,8 @@ def test_the_report_names_a_record_that_does_not_begin_at_rest_and_a_model_that_
     u, y = record()
     fit = fit_vrft(u, y + 5.0, MODEL, discrete_pid(TS))
     assert any("does not begin at rest: y[0] = 5" in line for line in fit.warnings)
+    noisy = fit_vrft(u, y + 5.0 * np.random.default_rng(1).normal(size=y.size), MODEL, discrete_pid(TS))
+    assert not any("does not begin at rest" in line for line in noisy.warnings)
     short = fit_vrft(u, y, from_discrete([0.8 * (1 - A)], [1.0, -A], TS), discrete_pid(TS))
     assert any("ends at 0.8" in line for line in short.warnings)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.signal import fftconvolve
 
@@ -20,6 +22,11 @@ _PULL = 0.1  # of the largest pull, that the largest pressing is at least: noise
 _MOVE = 0.02  # [s] over which a move is looked at
 _LEADS = (0.05, 1.5)  # [s] that the force comes early, and times that it fits better there than late: it leads
 _EARLY = 0.1  # [s] K_P over -K_I of a contact with damping, which is quick
+_DRIFT = 0.03  # of its range that the force may drift by in the record
+_ALIKE = 0.3  # of the usual drift that each rest has at least
+_SETTLED = 0.01  # of its range that the force may still move in the later half of a rest
+_OFF = 0.03  # of its range that the force at a rest may be off a line
+_FEWEST_RESTS = 4  # that show either
 
 
 def check_rate(record: Recorded, config: ReferenceModelConfig) -> None:
@@ -130,3 +137,42 @@ def check_signs(record: Recorded, fit: VrftFit) -> None:
                 f"{record.origin}: {name} = {value:.3g} {unit}: must be at most {most:.3g}, or it presses more where "
                 f"the force is too large; does {record.output_name} follow {record.input_name} on one clock?"
             )
+
+
+def suspicions(record: Recorded) -> Iterator[str]:
+    """What is odd about the force at rest: that it drifts, or that it is no multiple of the displacement."""
+    force = record.output_name
+    if rate := drift(record):
+        yield f"{force} drifts by {rate:.2g} N/s at rest (is the sensor warm?): stiffness and prediction are off"
+        return
+    far, time = off_the_line(record)
+    if far > _OFF * np.ptp(record.y):
+        yield (
+            f"{force} at rest is no line over {record.input_name}: off by {far:.2g} N at {time:.3g} s; where contact "
+            "is lost or the sensor saturated, record smaller moves in contact; where drives stick, larger ones"
+        )
+
+
+def drift(record: Recorded) -> float:
+    """How fast the force moves alike in all rests, after moves of either way [N/s]; 0: it does not."""
+    if len(rests := record.rests) < _FEWEST_RESTS:
+        return 0.0
+    rates = np.array([record.later(rest)[1] for rest in rests])
+    usual = float(np.median(rates))
+    ways = np.sign(np.diff([record.u[rest.start] for rest in rests]))
+    alike = bool((rates * np.sign(usual) >= _ALIKE * abs(usual)).all()) and ways.min() < 0 < ways.max()
+    much = abs(usual) * record.period * record.u.size > _DRIFT * np.ptp(record.y)
+    return usual if alike and much else 0.0
+
+
+def off_the_line(record: Recorded) -> tuple[float, float]:
+    """How far the force at the rests is off the best multiple of the displacement [N], and when it is most [s].
+
+    Only rests count in which the force settles; zero with fewer than four of them.
+    """
+    settled = record.settled_rests(_SETTLED)
+    if len(settled) < _FEWEST_RESTS:
+        return 0.0, 0.0
+    u, y = np.array([(record.u[rest.start], record.later(rest)[0]) for rest in settled]).T
+    off = np.abs(y - u * (u @ y) / max(float(u @ u), np.finfo(float).tiny))
+    return float(off.max()), float(record.time[settled[off.argmax()].stop - 1])

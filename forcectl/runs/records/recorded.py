@@ -40,6 +40,7 @@ _REST = 0.3  # [s] that a pause must last for the force to follow
 _SMALLEST_MOVE = 1e-5  # [m] of the displacement over the record, below which no robot moves on purpose
 # Share of the range of the force, by which a reading may differ from both beside it, and share of rows; more are noise.
 _ALONE, _FEW = 0.3, 0.01
+_FOLLOWED = 0.15  # of its range that the force may still move in the later half of it
 _LARGEST = {"displacement": 1.0, "force": 1e4}  # [m], [N], beyond it is no measurement of a robot that presses
 _LONGEST = 1e10  # [s], some 300 years: times may count from 1970
 _SHORTEST_PERIOD = 1e-6  # [s]
@@ -82,11 +83,31 @@ class Recorded:
         return self.period * np.arange(self.u.size, dtype=float)
 
     @property
-    def gain_at_rest(self) -> float | None:
-        """Force per displacement where the input rests between moves [N/m]; None with fewer than two such places."""
+    def rests(self) -> list[slice]:
+        """Where the input rests, long enough for the force to follow."""
         moves = np.flatnonzero(np.abs(np.diff(self.u)) > _AT_REST[1] * np.ptp(self.u) / LONG_REST)
         begins, ends = np.concatenate([[-1], moves]), np.concatenate([moves, [self.u.size - 1]])
-        ends = ends[(ends - begins) * self.period >= _REST]
+        long = (ends - begins) * self.period >= _REST
+        return [
+            slice(begin + 1, end + 1) for begin, end in zip(begins[long].tolist(), ends[long].tolist(), strict=True)
+        ]
+
+    def later(self, rest: slice) -> tuple[float, float]:
+        """Mean force [N] and its rate [N/s] in the later half of a rest."""
+        part = slice((rest.start + rest.stop) // 2, rest.stop)
+        rate = np.polynomial.polynomial.polyfit(self.time[part], self.y[part], 1)[1]
+        return float(self.y[part].mean()), float(rate)
+
+    def settled_rests(self, share: float) -> list[slice]:
+        """Rests in the later half of which the force moves by at most that share of its range."""
+        most = share * float(np.ptp(self.y))
+        halves = [(rest, 0.5 * self.period * (rest.stop - rest.start)) for rest in self.rests]
+        return [rest for rest, half in halves if half * abs(self.later(rest)[1]) <= most]
+
+    @property
+    def gain_at_rest(self) -> float | None:
+        """Force per displacement where the input rests between moves [N/m]; None with fewer than two such places."""
+        ends = np.array([rest.stop - 1 for rest in self.settled_rests(_FOLLOWED)], dtype=int)
         ends = ends[np.abs(self.u[ends]) > _BEYOND * np.ptp(self.u)]
         if ends.size < 2:
             return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import nullcontext
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from forcectl.errors import BadInputError
-from forcectl.runs.records.record_checks import check_signs, lead
+from forcectl.runs.records.record_checks import check_signs, lead, suspicions
 from forcectl.runs.records.recorded import read_record
 from forcectl.runs.tune import tune_vrft
 from forcectl.tuning.controller_basis import continuous_pid, fir
@@ -87,3 +88,34 @@ def test_sines_do_not_lead_whatever_their_delay(tmp_path, period, delay):
     u, later = (1e-3 * (np.cos(2 * np.pi * time / period) - 1) for time in (TIME, TIME - delay))
     record = read_record(write(tmp_path, good(**{"displacement [m]": u, "force [N]": -5e3 * later})))
     assert lead(record) == 0
+
+
+SOUND = Y - Y.min() + 2.0  # [N] all of it in contact
+SMALL = 0.1 * NOISE
+
+
+@pytest.mark.parametrize(
+    ("force", "words"),
+    [
+        (SOUND + SMALL, None),
+        (SOUND + 4 * NOISE, None),
+        (np.minimum(SOUND, 0.85 * SOUND.max()) + SMALL, "at rest is no line over .*sensor saturated"),
+        (np.maximum(SOUND - 0.2 * SOUND.max(), 0.0) + SMALL, "at rest is no line over .*contact is lost"),
+        (SOUND + SMALL + 0.05 * TIME, "drifts by 0.05. N/s"),
+        (SOUND + SMALL - 0.05 * TIME, "drifts by -0.0.* N/s"),
+    ],
+)
+def test_noise_hides_neither_a_saturated_sensor_nor_lost_contact_nor_drift(tmp_path, force, words):
+    found = list(suspicions(read_record(write(tmp_path, good(**{"force [N]": force})))))
+    assert len(found) == (words is not None), found
+    if words is not None:
+        assert re.search(words, found[0])
+
+
+def test_rests_too_short_for_the_force_to_follow_say_nothing_of_the_stiffness(tmp_path):
+    """A lag of 0.4 s and rests of 0.5 s: the force at their ends is a quarter short."""
+    u = -1e-3 * np.concatenate([np.zeros(500), np.repeat([2.0, 0.0] * 4, 250)])
+    decay = np.exp(-TS / 0.4)
+    y = 2.0 + lfilter([0.0, (1 - decay) * 1e4], [1.0, -decay], -u) + SMALL[: u.size]
+    columns = {"time [s]": TS * np.arange(u.size), "displacement [m]": u, "force [N]": y}
+    assert tune_vrft(write(tmp_path, columns), 1.5).stiffness == pytest.approx(1e4, rel=0.01)
