@@ -11,6 +11,7 @@ import yaml
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.diagrams.model import FRICTION_KEYS, Setting
 from forcectl.errors import BadInputError, invalid
 from forcectl.figures.force import frame
@@ -37,48 +38,62 @@ class FrictionAnalysis(Config):
     slowest: float = key(0.05, "slower ticks are left out", unit="rad/s", bounds="not negative")
     begin: float = key(0.0, "earlier ticks are left out", unit="s", bounds="not negative")
 
-    def _identified(self, log: Any, setting: Setting) -> FrictionFit | None:
-        """What the readings of one variant say; None where they do not excite a joint."""
+    def _identified(self, log: Any, setting: Setting) -> FrictionFit | str:
+        """What the readings of one variant say; a text says why they say nothing."""
         late = log.isel(time=log["time"].values >= self.begin)
         readings = (late[name].values for name in ("time", "joint_position", "joint_velocity", "motor_torque"))
         model, bandwidth = setting.model.momentum_model(), setting.model.velocity_bandwidth
         try:
             samples = friction_samples(model, *readings, velocity_bandwidth=bandwidth)
-            return identify_friction(*samples, slowest=self.slowest)
-        except BadInputError:
-            return None
+            return identify_friction(*samples, slowest=self.slowest, joints=_joints(log))
+        except BadInputError as error:
+            return str(error)
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """`friction_...` of `ANALYSIS_METRICS`, and of every joint its numbers; none when it cannot be identified."""
         fit = self._identified(log, setting)
-        return friction_metrics(fit, setting.truth.friction, [str(name) for name in log["joint"].values]) if fit else {}
+        return {} if isinstance(fit, str) else friction_metrics(fit, setting.truth.friction, _joints(log))
+
+    def findings(self, log: Any, setting: Setting) -> list[RunFinding]:
+        """Why nothing was identified, where that is so."""
+        fit = self._identified(log, setting)
+        return [finding("friction_unknown", f"no friction was identified: {fit}")] if isinstance(fit, str) else []
 
     def files(self, log: Any, setting: Setting) -> dict[str, str]:
         """`friction.yaml`, for the key `friction` of a scenario's part `model`; none when it cannot be identified.
+
+        How far to trust each joint stands above, as remarks.
 
         Args:
             log: of one variant.
             setting: of the run.
         """
         fit = self._identified(log, setting)
-        if fit is None:
+        if isinstance(fit, str):
             return {}
-        names = {"joints": [str(name) for name in log["joint"].values]}
+        head = f"# share of the torque explained, and standard errors of {', '.join(FRICTION_KEYS)} [Nm, Nms/rad]:\n"
+        for name, share, errors in zip(_joints(log), fit.explained, fit.deviation.T, strict=True):
+            head += f"# {name}: {100 * share:.2f} %, {', '.join(f'{error:.2g}' for error in errors)}\n"
         values = {key: getattr(fit.friction, key).tolist() for key in FRICTION_KEYS}
-        return {"friction.yaml": yaml.safe_dump(names | values, sort_keys=False, default_flow_style=None)}
+        text = yaml.safe_dump({"joints": _joints(log)} | values, sort_keys=False, default_flow_style=None)
+        return {"friction.yaml": head + text}
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """One figure per arm with the joints side by side; of the first variant."""
         # Beside variants of another robot the joints come in another order.
         one = one_variant(log).sel(joint=setting.workcell.robot.parameters.arm_joints)
         fit = self._identified(one, setting)
-        if fit is None:
+        if isinstance(fit, str):
             return {}
         joints = {str(name): k for k, name in enumerate(one["joint"].values)}
         return {
             f"friction_{name}": friction_figure(fit, dict(list(joints.items())[arm.joints]), f"{title}: {name}")
             for name, arm in setting.truth.known_robot().parts.arms.items()
         }
+
+
+def _joints(log: Any) -> list[str]:
+    return [str(name) for name in log["joint"].values]
 
 
 def friction_metrics(fit: FrictionFit, true: JointFriction, joints: list[str]) -> dict[str, float | None]:

@@ -13,6 +13,7 @@ the load and not the speed. From what the fit leaves over come the two levels of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,7 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
 from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, mean_features
 from forcectl.robot.momentum_model import MomentumModel
+from forcectl.tuning.identifiability import BLOCKS, robust_errors
 
 Array = NDArray[np.float64]
 _LEAST_SAMPLES = 20
@@ -38,8 +40,9 @@ class FrictionFit:
 
     Attributes:
         friction: the parameters.
-        deviation: standard error of tau_O, tau_C, D+ and D-, shape (4, n) [Nm, Nm, Nms/rad, Nms/rad]; that of a
-            coefficient at its bound of zero is zero.
+        deviation: standard error of tau_O, tau_C, D+ and D-, shape (4, n) [Nm, Nm, Nms/rad, Nms/rad], robust against
+            correlated residuals; that of a coefficient at its bound of zero is zero. It does not contain what is wrong
+            with the dynamics, such as joints that are elastic.
         rms: of what the fit leaves over, shape (n,) [Nm].
         explained: share of the variance of the torque, shape (n,).
         move, still: levels of the threshold that cover 99 % of the ticks, shape (n,) [Nm].
@@ -115,13 +118,16 @@ def _late(time: Array, values: Array, good: NDArray[np.bool_], bandwidth: float)
     return late
 
 
-def identify_friction(before: ArrayLike, after: ArrayLike, torque: ArrayLike, *, slowest: float = 0.02) -> FrictionFit:
+def identify_friction(
+    before: ArrayLike, after: ArrayLike, torque: ArrayLike, *, slowest: float = 0.02, joints: Sequence[str] = ()
+) -> FrictionFit:
     """Fit (5.2) to ticks, by non-negative least squares.
 
     Args:
         before, after: joint speeds at the ends of each tick, shape (N, n) [rad/s].
         torque: mean friction torque in it, shape (N, n) [Nm]; see `friction_samples`.
         slowest: speed below which a tick is left out [rad/s].
+        joints: names for messages; empty: joint 1, joint 2 and so on.
 
     Raises:
         BadInputError: shapes that do not fit, or a run that does not excite a joint: it has to move in both directions,
@@ -133,23 +139,24 @@ def identify_friction(before: ArrayLike, after: ArrayLike, torque: ArrayLike, *,
         raise BadInputError(f"torque has shape {load.shape}: must be (N, n), as the speeds {start.shape}, {end.shape}")
     if not (np.isfinite(start).all() and np.isfinite(end).all() and np.isfinite(load).all()):
         raise invalid("samples", "not finite", "finite; leave out what was lost")
-    fits = [_fit_joint(j + 1, start[:, j], end[:, j], load[:, j], slow) for j in range(load.shape[1])]
+    names = list(joints) or [f"joint {j + 1}" for j in range(load.shape[1])]
+    fits = [_fit_joint(names[j], start[:, j], end[:, j], load[:, j], slow) for j in range(load.shape[1])]
     coefficients, deviation, rms, explained, move, still, used = (np.array(part).T for part in zip(*fits, strict=True))
-    names = ("offset", "coulomb", "viscous_forward", "viscous_backward")
-    friction = JointFriction(load.shape[1], **dict(zip(names, coefficients, strict=True)))
+    keys = ("offset", "coulomb", "viscous_forward", "viscous_backward")
+    friction = JointFriction(len(names), **dict(zip(keys, coefficients, strict=True)))
     return FrictionFit(friction, deviation, rms, explained, move, still, used, 0.5 * (start + end), load)
 
 
-def _fit_joint(joint: int, before: Array, after: Array, torque: Array, slowest: float) -> tuple[Any, ...]:
+def _fit_joint(joint: str, before: Array, after: Array, torque: Array, slowest: float) -> tuple[Any, ...]:
     """Coefficients and all that `FrictionFit` has of one joint, in its order."""
     moving = (np.minimum(np.abs(before), np.abs(after)) >= slowest) & (before * after >= 0)
     count = int(moving.sum())
     if count < _LEAST_SAMPLES:
-        raise BadInputError(f"joint {joint}: has {count} ticks in motion: must have at least {_LEAST_SAMPLES}")
+        raise BadInputError(f"{joint}: has {count} ticks in motion: must have at least {_LEAST_SAMPLES}")
     features = _features(before[moving], after[moving])
     scale = np.linalg.norm(features, axis=0)
     if np.any(scale == 0) or np.linalg.cond(features / np.where(scale > 0, scale, 1.0)) > _WORST_CONDITION:
-        raise BadInputError(f"joint {joint}: is not excited: must move both ways, each at more than one speed")
+        raise BadInputError(f"{joint}: is not excited: must move both ways, each at more than one speed")
     wanted = torque[moving]
     # The offset may have either sign: it is the difference of two that may not be negative.
     solution = nnls(np.column_stack([features / scale, -features[:, 0] / scale[0]]), wanted)[0]
@@ -157,9 +164,11 @@ def _fit_joint(joint: int, before: Array, after: Array, torque: Array, slowest: 
     coefficients[0] -= solution[4] / scale[0]
     left = wanted - features @ coefficients
     free = np.concatenate([[True], coefficients[1:] > 0])
-    variance = left @ left / max(count - int(free.sum()), 1)
-    deviation = np.zeros(4)
-    deviation[free] = np.sqrt(variance * np.diag(np.linalg.inv(features[:, free].T @ features[:, free])))
+    used, deviation = features[:, free], np.zeros(4)
+    blocks = np.array_split(np.arange(count), min(BLOCKS, count // 10))
+    scores = np.array([used[block].T @ left[block] for block in blocks])
+    inverse = np.asarray(np.linalg.inv(used.T @ used), dtype=float)
+    deviation[free] = robust_errors(inverse, scores)
     spread = float(np.var(wanted))
     explained = 1.0 - float(np.mean(left**2)) / spread if spread > 0 else 0.0
     move, still = _threshold_levels(before, after, torque, coefficients)

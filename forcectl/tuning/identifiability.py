@@ -1,4 +1,5 @@
-"""How well a record tells gains apart: by the order of its persistent excitation, and by the noise in its regressors.
+"""How well a record tells gains apart: by the order of its persistent excitation, by the noise in its regressors, and
+by the standard errors of least squares.
 
 Noise in a regressor biases the gain that belongs to it towards zero (errors in variables). It is read off the output
 where the input rests and sent through the same filters; its share in what is left of a regressor after all others are
@@ -16,6 +17,7 @@ from scipy.linalg import solve_triangular
 
 Array = NDArray[np.float64]
 
+BLOCKS = 32  # of the record, for standard errors
 HIGHEST = 10  # order of excitation that is looked for
 _SMALLEST = 1e-3  # singular value, relative to the largest, that still counts
 _QUIET = 100  # samples that the input rests before noise is read off the output, and as many that it is read from
@@ -88,3 +90,14 @@ def resting_noise(u: Array, y: Array) -> tuple[Array, float]:
             noise[middle:end] = part - np.polynomial.legendre.legval(shape, trend)
             used += part.size
     return noise, used / y.size
+
+
+def robust_errors(inverse: Array, scores: Array) -> Array:
+    """Standard errors of least squares that hold with correlated residuals: from the scatter of blocks of the record.
+
+    Args:
+        inverse: (X^T X)^-1 of the regressors X, shape (p, p).
+        scores: X^T residual of each block, shape (blocks, p).
+    """
+    share = len(scores) / max(len(scores) - 1, 1)
+    return np.sqrt(share * np.sum((scores @ inverse.T) ** 2, axis=0))

@@ -23,7 +23,7 @@ from scipy.signal import lfilter
 from forcectl.errors import BadInputError, invalid
 from forcectl.tuning.controller_basis import ControllerBasis, same_length
 from forcectl.tuning.fit import OUT_OF_REACH, VrftFit, mismatch, warnings
-from forcectl.tuning.identifiability import excitation_order, noise_in_regressors
+from forcectl.tuning.identifiability import BLOCKS, excitation_order, noise_in_regressors, robust_errors
 from forcectl.tuning.plant_model import identify_plants, triangle_of, unit_columns
 from forcectl.tuning.prediction import RecordCheck, closed_loop
 from forcectl.tuning.reference_model import ReferenceModel, delayed
@@ -32,7 +32,6 @@ from forcectl.tuning.refinement import MOST_GAINS, nearest_gains
 Array = NDArray[np.float64]
 
 _LARGEST = 1e15  # [m] or [N], and one over it the smallest range: sums of squares stay finite
-_BLOCKS = 32  # of the record, for standard errors that hold with correlated residuals
 _HORIZON = 8  # time constants of the reference model that are predicted
 _PLANT_HORIZON = 20  # rise times of the plant that are predicted on top
 _LONGEST_HORIZON = 8_000  # [samples]
@@ -180,7 +179,7 @@ def _regressors(error: Array, basis: ControllerBasis) -> Array:
 
 def _blocks(samples: int, gains: int, skip: int) -> list[slice]:
     """The record in blocks, without its first `skip` samples."""
-    length = max(-(-samples // _BLOCKS), 2 * gains)
+    length = max(-(-samples // BLOCKS), 2 * gains)
     return [slice(max(start, skip), start + length) for start in range(0, samples, length)]
 
 
@@ -192,7 +191,7 @@ def _least_squares(phi: Array, target: Array, parts: list[slice]) -> tuple[Array
     gains = np.linalg.lstsq(scaled, triangle[:, -1], rcond=1e-14)[0] / lengths
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-15) / np.outer(lengths, lengths)
     scores = np.array([b[:, :-1].T @ (b[:, -1] - b[:, :-1] @ gains) for b in blocks])
-    return gains, _sandwich(inverse, scores), triangle
+    return gains, robust_errors(inverse, scores), triangle
 
 
 def _instrumental(phi: Array, target: Array, twin: Array, parts: list[slice]) -> tuple[Array, Array]:
@@ -201,10 +200,4 @@ def _instrumental(phi: Array, target: Array, twin: Array, parts: list[slice]) ->
     right = [twin[part].T @ target[part] for part in parts]
     inverse = np.asarray(np.linalg.pinv(sum(left), rcond=1e-15), dtype=float)
     gains = inverse @ sum(right)
-    return gains, _sandwich(inverse, np.array([b - a @ gains for a, b in zip(left, right, strict=True)]))
-
-
-def _sandwich(inverse: Array, scores: Array) -> Array:
-    """Standard errors from the scatter of the blocks' pull on the estimate."""
-    share = len(scores) / max(len(scores) - 1, 1)
-    return np.sqrt(share * np.sum((scores @ inverse.T) ** 2, axis=0))
+    return gains, robust_errors(inverse, np.array([b - a @ gains for a, b in zip(left, right, strict=True)]))

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+import yaml
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from forcectl.analysis.findings.finding import Severity
 from forcectl.analysis.force_estimation import ForceAnalysis
 from forcectl.analysis.friction_identification import FrictionAnalysis, friction_figure, friction_metrics
 from forcectl.analysis.motion_metrics import joint_metrics
@@ -174,6 +176,10 @@ def test_friction_is_found_where_the_log_holds_it(monkeypatch):
     assert found["left_joint_1.coulomb_Nm"] == pytest.approx(2.0, rel=1e-4)
     assert all(is_motion_metric(name) for name in found)
     assert set(FrictionAnalysis(slowest=0.02).figures(log, exact, "T")) == {"friction_left"}
+    assert FrictionAnalysis(slowest=0.02).findings(log, exact) == []
+    text = FrictionAnalysis(slowest=0.02).files(log, exact)["friction.yaml"]
+    assert "# left_joint_1: 100.00 %, " in text
+    assert yaml.safe_load(text)["coulomb"][0] == pytest.approx(2.0, rel=1e-4)
 
 
 def test_the_figure_of_friction_shows_what_was_recorded_and_the_model():
@@ -196,6 +202,9 @@ def test_a_run_that_excites_nothing_has_no_friction_metrics():
     log = made_up().assign(joint_position=made_up()["link_position"])
     assert FrictionAnalysis().metrics(log, setting()) == {}
     assert FrictionAnalysis().figures(log, setting(), "") == {}
+    (one,) = FrictionAnalysis().findings(log, setting())
+    assert (one.kind, one.severity) == ("friction_unknown", Severity.WARNING)
+    assert "no friction was identified: left_joint_1: has 0 ticks in motion" in one.text
 
 
 def test_friction_errors_are_those_of_the_curves():
