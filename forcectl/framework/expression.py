@@ -173,7 +173,8 @@ class Expression:
     def __call__(self, values: Mapping[str, Any]) -> Any:
         """The value of the expression; None where it has none.
 
-        That is: a value that it needs is None, a division by zero, a root of a negative number.
+        That is: a value that it needs is None, a division by zero, a root of a negative number. A part of `and` or `or`
+        without a value counts only where no other part decides.
 
         Args:
             values: by name.
@@ -256,8 +257,16 @@ class Expression:
             # Numbers are real ones, so that a power ends as an overflow and not as a number of many digits.
             return float(node.value) if isinstance(node.value, int | float) else node.value
         if isinstance(node, ast.BoolOp):
-            parts = (self._value(part, values) for part in node.values)
-            return all(parts) if isinstance(node.op, ast.And) else any(parts)
+            # A part that has no value leaves it open, unless another part decides, in whatever order they stand.
+            decides, open_ = isinstance(node.op, ast.Or), False
+            for part in node.values:
+                value = self._value_or_none(part, values)
+                open_ |= value is None
+                if value is not None and bool(value) == decides:
+                    return decides
+            if open_:
+                raise _UndefinedError
+            return not decides
         if isinstance(node, ast.UnaryOp):
             return self._apply(_OPERATORS[type(node.op)], self._value(node.operand, values))
         if isinstance(node, ast.BinOp):

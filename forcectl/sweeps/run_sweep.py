@@ -158,6 +158,9 @@ def sweep(
             notes.append(f"{together} of {len(rows)} trials ran side by side in batches")
         for key in without_effect(study, table):
             notes.append(f"keys.{key} has no effect: all metrics are equal in trials that differ in nothing else")
+        worst = study.config.worst
+        if worst is not None and (worst.metric not in table or not table[worst.metric].notna().any()):
+            notes.append(f"no trial has a value of {worst.metric}, so none is the worst")
         kept = out is not None or resume
         if kept and report:
             write_report(study, results, table, rows, run.tell)
@@ -299,7 +302,6 @@ def write_report(
         tell: called between two parts of the work.
 
     Raises:
-        BadInputError: no trial has the metric that `worst` asks for; the page is written.
         StorageError: the directory cannot be written.
     """
     # Matplotlib takes half a second to import, and a sweep without a directory needs none of it.
@@ -307,16 +309,10 @@ def write_report(
     from forcectl.sweeps.report.worst import keep_worst
 
     complete = set(table["state"]) <= {"done", "failed"}
-    refused = None
     if complete:
-        try:
-            keep_worst(study, results, table, tell)
-        except BadInputError as error:
-            refused = error
+        keep_worst(study, results, table, tell)
     tell()
     write_page(study, results, table, costs_table(rows), complete)
-    if refused is not None:
-        raise refused
 
 
 def write_tables(study: Study, results: Results, agenda: Agenda, rows: Mapping[int, Row]) -> pd.DataFrame:

@@ -63,6 +63,13 @@ def test_without_a_directory_there_is_the_table(whole):
     pd.testing.assert_frame_equal(result.table, whole[1].table)
 
 
+def test_a_worst_metric_without_a_value_is_a_note_and_no_end(tmp_path):
+    """Nothing settles within 0.3 s."""
+    result = fc.sweep(small(worst={"metric": "settling_time_2pct_s"}), out=tmp_path / "none", engine="sequential")
+    assert "no trial has a value of settling_time_2pct_s, so none is the worst" in result.notes
+    assert "No trial has a value of settling_time_2pct_s" in (tmp_path / "none" / "report.html").read_text()
+
+
 def test_going_on_runs_what_is_missing(whole, tmp_path):
     shutil.copytree(whole[0], tmp_path / "part")
     digest = identity_of(tmp_path / "part")["digest"]

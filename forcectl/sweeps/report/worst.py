@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from forcectl.errors import BadInputError
 from forcectl.runs.claims.lock import writing
 from forcectl.runs.directory import FAILED
 from forcectl.runs.result import StoppedRunError
@@ -55,12 +54,10 @@ def keep_worst(
         tell: called before each run.
 
     Raises:
-        BadInputError: no trial has a value of the metric, though some have of others.
         StorageError: the directory cannot be written.
     """
     if study.config.worst is None:
         return []
-    _check_metric(study.config.worst.metric, metric_columns(study, table))
     numbers = ranked(study, table)
     earlier = kept(results)
     folders, wanted = [], {earlier.get(number) for number in numbers}
@@ -83,14 +80,6 @@ def kept(results: Results) -> dict[int, Path]:
         if match and (path / _COMPLETE).is_file():
             found[int(match[1])] = path
     return found
-
-
-def _check_metric(name: str, known: list[str]) -> None:
-    if not known or name in known:  # where all trials failed there are no metrics at all, which the table says
-        return
-    raise BadInputError(
-        f" = {name!r}: no trial has a value of it: must be one of {', '.join(known)}", key="worst.metric"
-    )
 
 
 def _keep(study: Study, results: Results, number: int, rank: int, earlier: Path | None) -> Path:
