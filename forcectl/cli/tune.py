@@ -22,7 +22,11 @@ def vrft(
         ),
     ],
     form: Annotated[
-        str, typer.Option(metavar="continuous|discrete|fir:N", help="PID (4.3.3), PID (4.20), N FIR coefficients.")
+        str,
+        typer.Option(
+            metavar="continuous|discrete|fir:N",
+            help="PID (4.3.3), PID (4.20), both with :pi without K_D, or N FIR coefficients.",
+        ),
     ] = "continuous",
     prefilter: Annotated[bool, typer.Option(help="Filter with L = M (1 - M); without, noise biases strongly.")] = True,
     refine: Annotated[bool, typer.Option(help="Better gains where a plant model of DATA is good enough.")] = True,

@@ -11,6 +11,7 @@ from forcectl.figures.force import COLOURS, stacked
 Array = NDArray[np.float64]
 
 _GREY = "#707070"
+_NOTHING = 1e-3  # of the largest force, a difference that nobody sees
 
 
 def experiment_figure(time: Array, displacement: Array, force: Array, model_force: Array, title: str = "") -> Figure:
@@ -51,6 +52,8 @@ def prediction_figure(time: Array, predicted: Array, model: Array, title: str = 
     below.set_ylabel("difference [N]")
     below.set_xlim(float(time[0]), float(time[-1]))
     largest = float(model.max())
+    if float(abs(predicted - model).max()) < _NOTHING * largest:  # rounding errors have no shape
+        below.set_ylim(-_NOTHING * largest, _NOTHING * largest)
     # A loop that runs away must not hide the model it runs away from.
     if not (predicted[-1] == predicted[-1] and abs(predicted).max() < 3 * largest):
         above.set_ylim(-largest, 3 * largest)

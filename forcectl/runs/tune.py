@@ -186,7 +186,7 @@ def tune_vrft(
     Args:
         data: CSV file or log.nc.
         reference_model: bandwidth [rad/s], or the text of a mapping with the keys of `ReferenceModelConfig`.
-        form: "continuous" or "discrete" PID, or "fir:N" with N coefficients.
+        form: "continuous" or "discrete" PID, either with ":pi" without K_D, or "fir:N" with N coefficients.
         prefilter: L = M (1 - M).
         refine: take better gains than those of VRFT where a plant model made of the record is good enough to tell; see
             `fit_vrft`.
@@ -310,12 +310,13 @@ def reference_model_config(text: str | float | ReferenceModelConfig) -> Referenc
 
 
 def _basis(form: str, period: float) -> ControllerBasis:
-    kind, _, taps = form.partition(":")
-    if kind == "fir" and taps.isdecimal() and int(taps) > 0:
-        return fir(int(taps), period)
-    if form not in ("continuous", "discrete"):
-        raise invalid("form", form, "continuous, discrete or fir:N, as in fir:10")
-    return continuous_pid(period) if form == "continuous" else discrete_pid(period)
+    kind, _, part = form.partition(":")
+    if kind == "fir" and part.isdecimal() and int(part) > 0:
+        return fir(int(part), period)
+    if kind not in ("continuous", "discrete") or form not in (kind, f"{kind}:pi"):
+        raise invalid("form", form, "continuous, discrete, continuous:pi, discrete:pi or fir:N, as in fir:10")
+    basis = continuous_pid(period) if kind == "continuous" else discrete_pid(period)
+    return basis.only("K_P", "K_I") if part else basis
 
 
 def _write(tuned: Tuned, folder: Path) -> None:

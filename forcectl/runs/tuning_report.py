@@ -47,7 +47,9 @@ def report_lines(fit: VrftFit, record: Recorded) -> list[str]:
         lines.append(f"refined on the plant model; VRFT alone: {before}")
     verdict = "the loop is unstable"
     if fit.stable:
-        reach = "out of reach" if fit.out_of_reach else f"within reach, up to {100 * OUT_OF_REACH:g} %"
+        nearer = ", though other gains come nearer" if fit.out_of_reach else ""
+        reach = f"within reach, up to {100 * OUT_OF_REACH:g} %{nearer}"
+        reach = "out of reach" if fit.expected_mismatch > OUT_OF_REACH else reach
         missed = f"the loop misses the reference model by {100 * fit.model_mismatch:.1f} % ({reach})"
         verdict = f"{missed}, overshoot {_overshoot(fit):.1f} %"
     lines.append(

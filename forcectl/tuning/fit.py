@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 OUT_OF_REACH = 0.1  # a model mismatch above this is said to be out of reach, a model error not to be trusted
 _BETTERED = 1.25  # times the least mismatch: more than that is said to be out of reach, too
 _NONE = 1e-4  # a mismatch that is none
+_SEEN = 0.01  # one that is worth a warning where other gains come nearer
 _NOISE_SHARE = 0.1  # of what tells a gain apart: above, it is not identifiable
 _NOISE_OF_ONE = 4.0  # times its rms that noise may be in one sample
 _STANDARD_ERRORS = 3.0  # nor is it when zero is within so many
@@ -138,10 +139,10 @@ def warnings(fit: VrftFit, y: Array) -> Iterator[str]:
             f"reference model out of reach: the loop is expected to miss it by {100 * fit.expected_mismatch:.0f} % "
             f"({source}); choose a slower model, or one with the delay of the plant"
         )
-    elif fit.out_of_reach and fit.best_mismatch is not None:
+    elif fit.out_of_reach and fit.best_mismatch is not None and fit.model_mismatch > _SEEN:
         yield (
-            f"reference model out of reach of VRFT on this record: the loop is expected to miss it by "
-            f"{100 * fit.model_mismatch:.2g} %, with refined gains by {100 * fit.best_mismatch:.2g} %"
+            f"other gains come nearer to the reference model: these are expected to miss it by "
+            f"{100 * fit.model_mismatch:.2g} %, refined ones by {100 * fit.best_mismatch:.2g} %"
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from forcectl.figures.tuning import experiment_figure, prediction_figure
 
@@ -30,6 +31,13 @@ def test_prediction_has_both_responses_and_their_difference():
     np.testing.assert_allclose(lines(above)["tuned loop, predicted"], 1.1 * TIME)
     np.testing.assert_allclose(lines(above)["reference model"], TIME)
     np.testing.assert_allclose(below.get_lines()[-1].get_ydata(), 0.1 * TIME)
+
+
+def test_rounding_errors_are_not_drawn_as_a_difference():
+    _, below = prediction_figure(TIME, TIME + 1e-11 * np.sin(TIME), TIME).axes
+    assert below.get_ylim() == (-2e-3, 2e-3)
+    _, below = prediction_figure(TIME, 1.01 * TIME, TIME).axes
+    assert below.get_ylim()[1] == pytest.approx(0.02, rel=0.2)
 
 
 def test_a_loop_that_runs_away_does_not_hide_the_model():

@@ -232,6 +232,20 @@ def test_noise_is_reported_with_what_it_takes(forcectl, tmp_path, without_pictur
     assert forcectl("tune", "vrft", "record.csv", "--reference-model", 1.5)[1].count("results in tuned/record-2") == 1
 
 
+@pytest.mark.parametrize("kind", ["continuous", "discrete"])
+def test_a_pi_controller_has_no_derivative_gain_and_says_nothing_of_one(forcectl, tmp_path, without_pictures, kind):
+    path = record_file(tmp_path, noise=0.05)
+    code, out, _ = forcectl("tune", "vrft", path, "--reference-model", 1.5, "--form", f"{kind}:pi", "--out", "pi")
+    assert code == 0
+    assert "K_D m" not in out
+    assert "K_D is" not in out
+    controller = load_scenario(tmp_path / "pi" / "controller.yaml").controller
+    assert controller.derivative_gain == 0.0
+    whole = tune_vrft(path, 1.5, form=kind, refine=False).fit.pid
+    assert controller.proportional_gain == pytest.approx(whole.proportional, rel=0.02)
+    assert controller.integral_gain == pytest.approx(whole.integral, rel=0.01)
+
+
 def test_a_model_out_of_reach_is_called_so_and_a_loop_that_would_diverge_is_drawn(forcectl, tmp_path):
     path = record_file(tmp_path, delay=60)
     code, out, _ = forcectl("tune", "vrft", path, "--reference-model", 60, "--out", "hasty")
@@ -298,7 +312,9 @@ def test_reference_models_that_cannot_be_used(forcectl, tmp_path, text, words):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--form", "pid"), "form = 'pid': must be continuous, discrete or fir:N"),
+        (("--form", "pid"), "form = 'pid': must be continuous, discrete, continuous:pi, discrete:pi or fir:N"),
+        (("--form", "continuous:pd"), "form = 'continuous:pd': must be"),
+        (("--form", "discrete:"), "form = 'discrete:': must be"),
         (("--form", "fir:0"), "fir:N"),
         (("--input", "way"), "unknown column of displacement 'way'"),
         (("--variant", "a"), "--variant"),
