@@ -173,11 +173,8 @@ class Expression:
     def __call__(self, values: Mapping[str, Any]) -> Any:
         """The value of the expression; None where it has none.
 
-        That is: a value that it needs is None, a division by zero, a root of a negative number. A part of `and` or `or`
-        without a value counts only where no other part decides.
-
-        Args:
-            values: by name.
+        That is: a value that it needs is None, a division by zero, a root of a negative number; in `and` and `or` where
+        no other part decides. `values`: by name.
         """
         return self._value_or_none(self._tree, values)
 
@@ -248,8 +245,7 @@ class Expression:
         return BadInputError(fault, key=self._key)
 
     def _value(self, node: ast.expr, values: Mapping[str, Any]) -> Any:
-        name = _dotted(node)
-        if name:
+        if name := _dotted(node):
             if values.get(name) is None:
                 raise _UndefinedError
             return values[name]
@@ -257,24 +253,17 @@ class Expression:
             # Numbers are real ones, so that a power ends as an overflow and not as a number of many digits.
             return float(node.value) if isinstance(node.value, int | float) else node.value
         if isinstance(node, ast.BoolOp):
-            # A part that has no value leaves it open, unless another part decides, in whatever order they stand.
-            decides, open_ = isinstance(node.op, ast.Or), False
-            for part in node.values:
-                value = self._value_or_none(part, values)
-                open_ |= value is None
-                if value is not None and bool(value) == decides:
-                    return decides
-            if open_:
+            decides, parts = isinstance(node.op, ast.Or), [self._value_or_none(part, values) for part in node.values]
+            found = decides in [bool(part) for part in parts if part is not None]
+            if None in parts and not found:
                 raise _UndefinedError
-            return not decides
-        if isinstance(node, ast.UnaryOp):
-            return self._apply(_OPERATORS[type(node.op)], self._value(node.operand, values))
-        if isinstance(node, ast.BinOp):
-            terms = [self._value(part, values) for part in (node.left, node.right)]
-            return self._apply(_OPERATORS[type(node.op)], *terms)
+            return found == decides
+        if isinstance(node, ast.UnaryOp | ast.BinOp):
+            sides = [node.operand] if isinstance(node, ast.UnaryOp) else [node.left, node.right]
+            return self._apply(_OPERATORS[type(node.op)], *(self._value(side, values) for side in sides))
         if isinstance(node, ast.Call):
-            function, _, _ = _FUNCTIONS[_dotted(node.func)]
-            return self._apply(function, *(self._value(part, values) for part in node.args))
+            terms = [self._value(part, values) for part in node.args]
+            return self._apply(_FUNCTIONS[_dotted(node.func)][0], *terms)
         assert isinstance(node, ast.Compare)
         terms = [self._value(part, values) for part in (node.left, *node.comparators)]
         operators = [_OPERATORS[type(op)] for op in node.ops]
