@@ -201,7 +201,8 @@ def beyond_coulomb(coulomb: np.ndarray, torque: np.ndarray) -> str:
 
 def beyond_viscous(viscous: np.ndarray, torque: np.ndarray, speed: np.ndarray) -> str:
     """What is allowed where friction [Nms/rad] slows drives down far beyond torque [Nm] and speed [rad/s]; else ""."""
-    most = np.where(np.isfinite(speed) & np.isfinite(torque), _SLOWED * torque / speed, np.inf)
+    most, known = np.full(len(speed), np.inf), np.isfinite(speed) & np.isfinite(torque)
+    most[known] = _SLOWED * torque[known] / speed[known]
     allowed = f"at most {_SLOWED:g} times torque limits over velocity limits, {most.round(1).tolist()}"
     return allowed if (viscous > most).any() else ""
 

@@ -1,6 +1,7 @@
 """`forcectl check` and `forcectl graph` on scenarios, on diagrams of the user's, and on single blocks."""
 
 import re
+import sys
 
 import pytest
 from pydrake.systems.primitives import Gain
@@ -189,6 +190,7 @@ class Config:
 def own(tmp_path, monkeypatch):
     (tmp_path / "own_rings.py").write_text(OWN)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "own_rings", raising=False)  # that of another test
     return "own_rings"
 
 
