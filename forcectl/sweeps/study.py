@@ -263,7 +263,7 @@ def _conditions(config: SweepConfig) -> list[tuple[str, Expression]]:
 def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str]) -> None:
     """BadInputError for conditions that are settled, and for the name of a metric that no run has.
 
-    Of a mode, it must be one that the state machine of an arm has; `modes` are empty where there is none.
+    Of a mode, it must not look like another one that the state machine of an arm has, of these `modes`.
 
     That a metric is not negative may be asked for: it is so where there is one. Of a scenario with an analysis of the
     user's, `own`, names are looked at with the first trials, see `SweepRun`.
@@ -276,7 +276,8 @@ def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str]) -> None
             raise unknown_metric(name).at(key)
     for key, name in _asked(config):
         mode, _, last = name.rpartition(".")
-        if modes and last in _OF_MODES and mode not in modes:
+        # One that is not like any may be of an arm that is left out here.
+        if last in _OF_MODES and mode not in modes and difflib.get_close_matches(mode, modes):
             raise unknown("mode", mode, modes).at(key)
 
 

@@ -135,7 +135,8 @@ def settles(chains: list[Numbers], stiffness: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 def test_no_unstable_chain_passes_and_none_with_a_fifth_of_margin_is_refused():
     chains = [drawn(seed) for seed in range(100)]
-    limits = np.array([c.chain.largest_stiffness(1e3 * c.damping / c.period) for c in chains])
+    stiffest = [1e3 * c.damping / c.period for c in chains]  # where a loop is stable on any surface
+    limits = np.minimum(stiffest, [c.chain.largest_stiffness(K) for c, K in zip(chains, stiffest, strict=True)])
     assert np.all(limits > 0)
     # Half of them near to the limit on either side.
     draw = np.random.default_rng(1)
