@@ -125,7 +125,7 @@ def drawn(group: Group, number: int, with_fault: bool) -> tuple[Scenario, Scenar
         found = changes_of(FAULTS[index], sound, begin)
         if not isinstance(found, str):
             faulted = load_scenario(group.base, overrides=changes | found)
-            if FAULTS[index].name != "surface moved" or _can_be_built(faulted):
+            if _can_be_built(faulted):
                 return faulted, sound, FAULTS[index], begin
     raise ValueError(f"{group.name} can have no fault")
 

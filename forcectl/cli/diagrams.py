@@ -101,7 +101,8 @@ def check(
 
     _, diagram = named_diagram(scenario, variant, settings, fidelity, allow_imports, whole=True)
     report = examine(diagram, sensor=source, command=target, scheme=scheme)
-    margins = named_margins(scenario, variant, settings, fidelity, allow_imports)
+    shown = as_json or not quiet
+    margins = named_margins(scenario, variant, settings, fidelity, allow_imports) if shown else []
     if as_json:
         echo_json({**report.to_dict(), "margins": [each.to_dict() for each in margins]})
     elif not quiet:

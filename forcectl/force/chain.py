@@ -98,8 +98,9 @@ class ForceChain:
 
     def margins(self, stiffness: float) -> Margins:
         """How far the loop is from being unstable, with a contact of this stiffness [N/m]."""
-        around, stable = self.once_around(stiffness), self.is_stable(stiffness)
+        around = self.once_around(stiffness)
         gain = _limit(lambda factor: bool(np.abs(_closed(around, factor)).max() < 1.0 - _MARGIN), 1.0)
+        stable = gain >= 1.0
         phase, delay, crossover = _crossing(around) if stable else (np.nan, np.nan, np.nan)
         return Margins(stable, self.largest_stiffness(stiffness), gain, phase, delay, crossover)
 
