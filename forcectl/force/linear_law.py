@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 GAIN_UNITS = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivative_gain": "m s/N"}
-_EARLY = 0.1  # [s] K_P over -K_I of a contact with damping, which is quick
+EARLY = 0.1  # [s] K_P over -K_I of a contact with damping, which is quick
 EXCITE, REGULATE = 0.0, 1.0  # values of `mode`
 
 
@@ -214,8 +214,8 @@ class VrftConfig(Config, in_batches=True):
         if self.integral_gain == 0 <= self.proportional_gain and not any(self.fir):
             allowed = "below zero with integral_gain = 0: else the law does not press"
             raise invalid("proportional_gain", self.proportional_gain, allowed)
-        if self.proportional_gain > (most := -_EARLY * self.integral_gain) and not any(self.fir):
-            allowed = f"at most {most:g} m/N, {_EARLY:g} s times minus integral_gain: pressing is negative"
+        if self.proportional_gain > (most := -EARLY * self.integral_gain) and not any(self.fir):
+            allowed = f"at most {most:g} m/N, {EARLY:g} s times minus integral_gain: pressing is negative"
             raise invalid("proportional_gain", self.proportional_gain, allowed)
 
     def reference_model_bandwidth(self) -> float | None:

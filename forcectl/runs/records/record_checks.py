@@ -8,6 +8,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from forcectl.errors import BadInputError
+from forcectl.force.linear_law import EARLY
 from forcectl.framework.fields import PHYSICAL
 from forcectl.runs.records.recorded import Recorded
 from forcectl.tuning.fit import VrftFit
@@ -21,7 +22,6 @@ _LATEST = 1.0  # [s] that the force may come after the displacement
 _PULL = 0.1  # of the largest pull, that the largest pressing is at least: noise at rest is less
 _MOVE = 0.02  # [s] over which a move is looked at
 _LEADS = (0.05, 1.5)  # [s] that the force comes early, and times that it fits better there than late: it leads
-_EARLY = 0.1  # [s] K_P over -K_I of a contact with damping, which is quick
 _DRIFT = 0.03  # of its range that the force may drift by in the record
 _ALIKE = 0.3  # of the usual drift that each rest has at least
 _SETTLED = 0.01  # of its range that the force may still move in the later half of a rest
@@ -130,7 +130,7 @@ def check_signs(record: Recorded, fit: VrftFit) -> None:
     if pid is None:
         gains = [("sum of the FIR coefficients", float(fit.gains.sum()), 0.0, "m/N")]
     else:
-        gains = [("K_I", pid.integral, 0.0, "m/(N s)"), ("K_P", pid.proportional, -_EARLY * pid.integral, "m/N")]
+        gains = [("K_I", pid.integral, 0.0, "m/(N s)"), ("K_P", pid.proportional, -EARLY * pid.integral, "m/N")]
     for name, value, most, unit in gains:
         if value > most:
             raise BadInputError(
