@@ -7,8 +7,10 @@ the last plan only to save time: it follows from the numbers of a `TrajectorySta
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Sequence
 from typing import Any, NamedTuple
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -193,6 +195,7 @@ class Planner:
         self._plans: list[Any] = [None] * len(self._groups)
         self._problem = np.full((10, size), np.nan)
         self._plan: Any = None
+        _planners.add(self)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Planner:
         """Another one that has planned nothing."""
@@ -276,6 +279,16 @@ class Planner:
                 for planner, group, plan in zip(self._planners, self._groups, self._plans, strict=True)
             ]
             self._problem, self._plan = problem.copy(), Plan(self._groups, self._plans)
+
+
+_planners: WeakSet[Planner] = WeakSet()
+
+
+@atexit.register
+def _let_go() -> None:
+    """Drop what is Ruckig's, which says at length what of it outlives Python: diagrams of a script's own do."""
+    for planner in list(_planners):
+        planner._planners, planner._plans, planner._plan = [], [], None
 
 
 def _next_target(target: Array, last: Array) -> Array:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -331,3 +333,20 @@ def test_large_units_are_as_good_as_small_ones(seed, size):
         scaled = other.follow(scaled, at(size * goal), TICK)
         np.testing.assert_allclose(np.array(scaled.motion) / size, state.motion, rtol=1e-6, atol=2e-7)
         assert not scaled.braking.any()
+
+
+SCRIPT = """
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.primitives import ConstantVectorSource
+from forcectl.motion.trajectory import Motion, Planner, Target, limits_of
+
+planner = Planner(limits_of(1, 1.0, 1.0, 1.0))
+planner.plan(Motion([0.0], [0.0], [0.0]), Target([1.0], [0.0], [0.0]))
+simulator = Simulator(ConstantVectorSource([0.0]))
+simulator.set_monitor(lambda context: planner)  # in a circle through Drake: never freed
+"""
+
+
+def test_nothing_is_said_of_a_planner_that_outlives_python():
+    ended = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
+    assert ended.stderr == ""
