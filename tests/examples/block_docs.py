@@ -5,8 +5,10 @@ sentence:
 
     name, other_name: shape (n,), what it is [unit of each, or one for all]. Feedthrough of x and y at the tick.
 
-Units stand in the entry's first brackets that hold nothing but units: one for all names of the entry, one for each, or
-those of the parts of a vector. "[rad] or [m]" and "[rad or m]" are alternatives. An output says what it depends on:
+The shape is (n,) for any n that the ports with it share, a number, or like (3n,) or (2n + 9,): one for all names of the
+entry, one for each, or one "or" another. Units stand in the entry's first brackets that hold nothing but units: one for
+all names of the entry, one for each, or those of the parts of a vector. "[rad] or [m]" and "[rad or m]" are
+alternatives. An output says what it depends on:
 
     Feedthrough.    Feedthrough of all inputs.    Feedthrough of all inputs but x.    Feedthrough of x, y and z.
     Feedthrough of x when ...       only in some configurations
@@ -40,6 +42,8 @@ _ATOM = r"(?:Nms|Nm|N|J|kg|rad|m|s|u|1)(?:\^\d)?"
 _UNIT = rf"{_ATOM}(?:[ /]\(?{_ATOM}(?: {_ATOM})*\)?)*"
 _UNITS = rf"{_UNIT}(?: or {_UNIT})*(?:, {_UNIT}(?: or {_UNIT})*)*"
 _BRACKETS = re.compile(rf"\[({_UNITS})\](?: or \[({_UNITS})\])?")
+_SHAPES = re.compile(r"shape (\([^()]+,\)(?:(?: or|,) \([^()]+,\))*)")
+_TERM = re.compile(r"(\d*)([a-z]\w*)?(?: \+ (\d+))?")
 _STATEMENT = re.compile(
     r"(?:^|(?<=[.;] ))(?P<all>All outputs are )?(?:"
     r"[Ff]eedthrough(?: of (?P<inputs>.+?))?(?: at the tick)?(?P<when> when .+?)?(?:, and held)?"
@@ -136,6 +140,30 @@ class BlockDoc:
                 return {unit for group in found.groups() if group for unit in _of_name(group, names, name)}
         return {unit for other in self._referred() for unit in other.units(name)}
 
+    def wrong_sizes(self, sizes: Mapping[str, int]) -> dict[str, str]:
+        """The shapes that ports have in the text and not in the block, by name.
+
+        Args:
+            sizes: of the ports of the block.
+        """
+        shapes = {name: self._shapes(name) for name in sizes}
+        known: dict[str, int] = {}
+        for name, (shape, *_) in shapes.items():
+            if shape.isidentifier():
+                known.setdefault(shape, sizes[name])
+        return {
+            name: " or ".join(each)
+            for name, each in shapes.items()
+            if not any(_may_be(shape, sizes[name], known) for shape in each)
+        }
+
+    def _shapes(self, name: str) -> list[str]:
+        for names, text in self._entries:
+            if name in names and (found := _SHAPES.search(text)):
+                each = re.split(r"(?<=\)), ", found[1])
+                return re.findall(r"\((.+?),\)", each[names.index(name)] if len(each) == len(names) else each[0])
+        return ["?"]
+
     def _referred(self) -> Iterator[BlockDoc]:
         others = {name: kind for name, kind in self._blocks.items() if kind is not self.kind}  # never in a circle
         for name in re.findall(r"`(\w+)`", self._prose):
@@ -202,3 +230,13 @@ def _of_name(group: str, names: list[str], name: str) -> list[str]:
     if len(names) == len(parts):
         return parts[names.index(name)].split(" or ")
     return [",".join(choice) for choice in zip(*(part.split(" or ") for part in parts), strict=True)]
+
+
+def _may_be(shape: str, size: int, known: Mapping[str, int]) -> bool:
+    """Whether a port whose shape is written so has this size; one in numbers that are not known can have any."""
+    if not (found := _TERM.fullmatch(shape)):
+        return True
+    factor, symbol, more = int(found[1] or 1), found[2], int(found[3] or 0)
+    if symbol is None:
+        return size == factor
+    return size == factor * known[symbol] + more if symbol in known else (size - more) % factor == 0

@@ -106,6 +106,13 @@ def test_docstring_lists_the_ports(kind, example):
 
 
 @pytest.mark.parametrize(("kind", "example"), CASES)
+def test_docstring_has_the_size_of_every_port(kind, example):
+    ports = [*inputs_of(example.block), *outputs_of(example.block)]
+    vectors = [port for port in ports if port.get_data_type() == PortDataType.kVectorValued]
+    assert doc_of(kind).wrong_sizes({port.get_name(): port.size() for port in vectors}) == {}
+
+
+@pytest.mark.parametrize(("kind", "example"), CASES)
 def test_docstring_has_the_unit_of_every_port(kind, example):
     """A unit for each port that is named there, the one that `port_units` or the conventions give it."""
     block, doc = example.block, doc_of(kind)

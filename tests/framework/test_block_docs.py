@@ -59,6 +59,17 @@ def test_a_bracket_that_holds_more_than_units_is_none():
     assert read(DOC.replace("[m, m/s]; see [57]", "(3, 4) [57]")).units("command") == set()
 
 
+def test_sizes():
+    sizes = {"force": 2, "position": 2, "command": 2, "held": 2, "wrench": 6, "rest": 5}
+    assert read().wrong_sizes(sizes) == {}
+    assert read().wrong_sizes(sizes | {"held": 3, "wrench": 5, "rest": 4}) == {"held": "n", "wrench": "6"}
+    wider = read(DOC.replace("held: shape (n,)", "held: shape (2n + 1,) or (3n,)"))
+    assert wider.wrong_sizes({"force": 2, "command": 6}) == wider.wrong_sizes({"command": 5, "force": 2}) == {}
+    assert wider.wrong_sizes({"force": 2, "command": 2}) == {"command": "2n + 1 or 3n"}
+    apart = read(DOC.replace("held: shape (n,)", "held: shape (3n,), (4n,)"))
+    assert apart.wrong_sizes({"force": 2, "command": 6, "held": 6}) == {"held": "4n"}
+
+
 def test_ports_with_optional_and_further_ones():
     assert read().ports("input_ports", ["force", "mode"]) == ["force", "mode"]
     assert read().ports("input_ports", ["force", "position"]) == ["force", "position"]

@@ -34,14 +34,16 @@ class ControllerGuard(PythonBlock):
     output_ports: [forces (optional), guarded]
     ```
 
+    `forcectl.diagrams.guarded.guarded` puts it around a controller, and takes its outputs apart.
+
     desired_force, measured_force: shape (k,) [N]; left out for k = 0.
     command: shape (m,), of the controller [m or rad]. command_rate: shape (m,), its speed [m/s or rad/s], where it
     gives one.
     estimated_wrench: shape (6a,), of the environment on each arm, [torque; force] [Nm, N]; where there are arms.
-    forces: shape (28k,), guarded desired forces (k,), guarded readings (k,), what the tick makes of the readings [N].
+    forces: shape (29k,), guarded desired forces (k,), guarded readings (k,), what the tick makes of the readings [N].
     Feedthrough of desired_force and measured_force.
-    guarded: shape (2m + 9,), guarded command (m,), status, what the block remembers of the tick [m or rad]; with a
-    command_rate the guarded one (m,) is behind it. Feedthrough of all inputs.
+    guarded: shape (2m + 9,) or (3m + 9,), guarded command (m,), status, what the block remembers of the tick
+    [m or rad]; with a command_rate the guarded one (m,) is behind it. Feedthrough of all inputs.
 
     Where it acts, all of `forces` and `guarded` answer to every input at once; `passed_elements` is what they follow
     while it passes on.
