@@ -60,8 +60,7 @@ def batch_values(name: str, value: ArrayLike, size: int, allowed: str = "finite"
     Raises:
         BadInputError: wrong length, not a number, or outside what is allowed.
     """
-    if size < 1:
-        raise invalid("size", size, "at least 1")
+    check_count("size", size)
     if value is None or isinstance(value, bool):
         raise invalid(name, value, "a number or a list of numbers")
     try:

@@ -345,6 +345,7 @@ def test_batch_values_keeps_good_values(values):
 @pytest.mark.parametrize(
     ("value", "size", "allowed", "told"),
     [
+        (1.0, 1.5, "finite", "size = 1.5: must be a whole number, at least 1"),
         ([1.0, 2.0], 3, "finite", r"gain has shape \(2,\): must be one number or shape \(3,\)"),
         ([[1.0], [2.0]], 2, "finite", r"gain has shape \(2, 1\)"),
         ([1.0, math.nan], 2, "finite", "gain = .*nan.*finite"),
