@@ -187,15 +187,18 @@ class ConstantKinematicInversion(PythonDiagram):
     Sampling: none; evaluated when read.
     """
 
-    def __init__(self, direction: Vector, row: Vector, start: Vector):
+    def __init__(self, direction: ArrayLike, row: ArrayLike, start: ArrayLike):
         """`direction`: J^-1 n, `row`: n'J, `start`: q_0, each of shape (n_q,) [rad/m, m/rad, rad]."""
         super().__init__()
+        n_q = np.size(start)
+        named = {"direction": direction, "row": row, "start": start}
+        direction, row, start = (batch_values(name, value, n_q) for name, value in named.items())
         builder = DiagramBuilder()
         gain = builder.AddNamedSystem("direction", MatrixGain(direction.reshape(-1, 1)))
         q_0 = builder.AddNamedSystem("start", ConstantVectorSource(start))
-        total = builder.AddNamedSystem("sum", Adder(3, len(start)))
+        total = builder.AddNamedSystem("sum", Adder(3, n_q))
         builder.ExportInput(gain.get_input_port(), "displacement_command")
-        across = builder.AddNamedSystem("across_normal", MatrixGain(np.eye(len(start)) - np.outer(direction, row)))
+        across = builder.AddNamedSystem("across_normal", MatrixGain(np.eye(n_q) - np.outer(direction, row)))
         builder.ExportInput(across.get_input_port(), "unconstrained_reference")
         builder.Connect(across.get_output_port(), total.get_input_port(2))
         builder.Connect(gain.get_output_port(), total.get_input_port(0))

@@ -176,6 +176,14 @@ def test_constant_version_takes_out_what_the_reference_has_along_n():
     np.testing.assert_allclose(got - START + 0.003 * direction, reference - direction * (row @ reference), atol=1e-12)
 
 
+def test_constant_version_takes_lists_of_one_size():
+    block = ConstantKinematicInversion([1.0, 2.0], [0.2, 0.4], [0.0, 0.1])
+    got = run_diagram(block, 0.01, period=0.01, inputs={"displacement_command": 0.5})["joint_position_command"][-1]
+    np.testing.assert_allclose(got, [0.5, 1.1], atol=1e-15)
+    with pytest.raises(BadInputError, match=r"^row has shape \(3,\): must be one number or shape \(2,\)$"):
+        ConstantKinematicInversion([1.0, 2.0], np.ones(3), [0.0, 0.1])
+
+
 @pytest.mark.parametrize("s", [0.0, 1e-4])
 def test_a_singular_start_posture_is_refused(s):
     with pytest.raises(BadInputError, match=r"posture.*singular"):
