@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from forcectl.errors import unknown
+from forcectl.errors import BadInputError, unknown
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
 from forcectl.estimation.wrench_filter import WrenchFilter
@@ -67,7 +67,7 @@ class ForceEstimator(PythonDiagram):
 
     Args:
         observer: of the n joints.
-        wrenches: by arm, all of the same n joints and of one class.
+        wrenches: by arm, at least one, all of the same n joints, of one class and with the period of the observer.
         tare: their input of that name over time; None: it becomes an input.
         local: whether they are expressed in other frames than the world.
     """
@@ -81,6 +81,8 @@ class ForceEstimator(PythonDiagram):
         local: bool = False,
     ):
         super().__init__()
+        if not wrenches:
+            raise BadInputError("wrenches: must have at least one arm; a MomentumObserver alone has the joint torques")
         name_of_wrench = "estimated_local_wrench" if local else "estimated_wrench"
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect

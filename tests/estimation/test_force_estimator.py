@@ -9,7 +9,9 @@ import pytest
 from scipy.signal import dlsim
 
 import forcectl as fc
-from forcectl.estimation.force_estimator import ForceEstimatorConfig, KalmanForceEstimatorConfig
+from forcectl.errors import BadInputError
+from forcectl.estimation.force_estimator import ForceEstimator, ForceEstimatorConfig, KalmanForceEstimatorConfig
+from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.framework.yaml_tree import Tagged
 from forcectl.motion.joint_path import DitherConfig, JointMovesConfig
@@ -52,6 +54,12 @@ def test_only_wrenches_in_the_world_are_projected() -> None:
     parts = scenario(force=ForceEstimatorConfig(expressed_in="tcp")) | {"signals": {"measured_force": "!Projection"}}
     with pytest.raises(fc.BadInputError, match=r"signals\.measured_force wants estimated_wrench"):
         fc.build(fc.load_scenario(parts))
+
+
+def test_an_estimator_of_no_arm_is_refused() -> None:
+    observer = MomentumObserver(MomentumModel(RobotModel.load().plant))
+    with pytest.raises(BadInputError, match="^wrenches: must have at least one arm"):
+        ForceEstimator(observer, {})
 
 
 def test_a_frame_that_the_robot_does_not_have_is_named() -> None:
