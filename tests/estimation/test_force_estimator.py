@@ -58,7 +58,7 @@ def test_only_wrenches_in_the_world_are_projected() -> None:
 
 def test_an_estimator_of_no_arm_is_refused() -> None:
     observer = MomentumObserver(MomentumModel(RobotModel.load().plant))
-    with pytest.raises(BadInputError, match="^wrenches: must have at least one arm"):
+    with pytest.raises(BadInputError, match=r"^wrenches: must have at least one arm"):
         ForceEstimator(observer, {})
 
 
