@@ -29,6 +29,8 @@ from forcectl.force.governor.stability import StabilityReport as StabilityReport
 from forcectl.force.governor.stability import stability_report as stability_report
 from forcectl.force.guard.config import GuardConfig as GuardConfig
 from forcectl.force.guard.guard import ControllerGuard as ControllerGuard
+from forcectl.force.guard.limits import Cause as Cause
+from forcectl.force.guard.limits import Reaction as Reaction
 from forcectl.force.hybrid.config import DirectionConfig as DirectionConfig
 from forcectl.force.hybrid.config import Hybrid as Hybrid
 from forcectl.force.hybrid.config import HybridConfig as HybridConfig

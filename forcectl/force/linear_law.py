@@ -71,7 +71,7 @@ class LinearForceLaw(ForceLaw):
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
 
     Args:
-        gains: K_P, K_I, K_D, each a number or shape (n,); None: from ports.
+        gains: K_P, K_I, K_D, each a number or shape (n,), negative as a command that presses is; None: from ports.
         fir: f_0, f_1, ..., each a number or shape (n,).
 
     Raises:
