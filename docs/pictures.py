@@ -5,7 +5,10 @@ python docs/pictures.py
 
 from __future__ import annotations
 
+import re
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import matplotlib.image
 import numpy as np
@@ -48,7 +51,19 @@ def main() -> None:
     draw_invariant_set(IMAGES / "fig_3_3.png")
     draw_virtual_state(IMAGES / "fig_3_8.png")
     fc.graph(EquivalentScheme()).save(IMAGES / "fig_4_13.svg")
+    draw_own_plant(IMAGES / "own_plant.svg")
     draw_governor_stability(IMAGES / "fig_4_13_poles.png")
+
+
+def draw_own_plant(target: Path) -> None:
+    """The diagram that the page on blocks builds around a plant of one's own."""
+    page = (IMAGES.parent / "blocks.md").read_text(encoding="utf-8")
+    for name in ("my_arm", "my_pressing"):
+        (code,) = re.findall(rf"^```python\n# {name}.py\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+        module = sys.modules[name] = ModuleType(name)
+        exec(code, vars(module))
+    fc.graph(sys.modules["my_pressing"].build()).save(target)
+    print(f"wrote {target.name}")
 
 
 def draw_fast_contact(target: Path) -> None:

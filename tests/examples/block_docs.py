@@ -78,14 +78,14 @@ class BlockDoc:
         found = re.search(r"^```\n(.*?)^```$", self._text, re.DOTALL | re.MULTILINE)
         assert found, "no list of ports between two lines of three backticks"
         ports = yaml.safe_load(found[1])
-        self._listed = {side: [str(name) for name in ports.get(side) or []] for side in ("input_ports", "output_ports")}
+        self.listed = {side: [str(name) for name in ports.get(side) or []] for side in ("input_ports", "output_ports")}
         self._parameters = [_bare(str(name)) for name in ports.get("parameters") or []]
         self._body = self._text[found.end() :]
         self._rest = self._text[: found.start()] + self._body
 
     def ports(self, side: str, declared: Iterable[str]) -> list[str]:
         """The names listed on that side, with the declared ones in place of what stands for any name."""
-        listed, declared = self._listed[side], list(declared)
+        listed, declared = self.listed[side], list(declared)
         names = {_bare(name) for name in listed}
         further = [name for name in declared if name not in names]
         if any(name.startswith(_ANY) and name.endswith(_ANYWHERE) for name in listed):
@@ -104,10 +104,10 @@ class BlockDoc:
     @property
     def open(self) -> bool:
         """Whether the list of ports stands for more names than it says."""
-        return any(name.startswith(("<", _ANY)) for names in self._listed.values() for name in names)
+        return any(name.startswith(("<", _ANY)) for names in self.listed.values() for name in names)
 
     def _named(self, side: str) -> list[str]:
-        return [_bare(name) for name in self._listed[side] if not name.startswith(("<", _ANY))]
+        return [_bare(name) for name in self.listed[side] if not name.startswith(("<", _ANY))]
 
     @cached_property
     def _prose(self) -> str:

@@ -228,6 +228,11 @@ STORIES = {
     "slots": Story((
         Step("forcectl run my_workcell.yaml", ("up to 7.4", "results in runs/my_workcell-1")),
     ), page="slots.md", prepare=write_parts),
+    "blocks": Story((
+        Step("forcectl check my_pressing:build", ("plant", "0 error, 0 warning")),
+        Step("forcectl graph my_pressing:build --out pressing.svg", ("pressing.svg",),
+             check=draws("pressing.svg", "MultibodyPlant", "ControllerGuard", "IntegralForceLaw")),
+    ), page="blocks.md"),
     "refused": Story((
         Step("forcectl run my_admittance.yaml --set controller.damping=300 --set controller.inertia=3", (), code=2,
              says="shown"),
