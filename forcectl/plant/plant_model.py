@@ -16,6 +16,7 @@ from pydrake.systems.framework import System
 from pydrake.systems.primitives import AffineSystem
 
 from forcectl.errors import BadInputError
+from forcectl.framework.batch import batch_values, check
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.tip_kinematics import TipDisplacement
 from forcectl.robot.model import RobotModel
@@ -55,6 +56,11 @@ class PlantModel:
         rotor_inertia: at the joints, shape (n,) [kg m2].
         velocity_bandwidth: of the filter behind the measured speeds [rad/s].
         obstacles: configurations of the boxes around the robot, by name.
+
+    Compliances may be given as numbers or lists.
+
+    Raises:
+        BadInputError: a compliance, a period or a lag of the sensor that cannot be.
     """
 
     size: int
@@ -82,6 +88,14 @@ class PlantModel:
     rotor_inertia: Array = field(default_factory=lambda: np.zeros(0))
     velocity_bandwidth: float = np.inf
     obstacles: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check("period", self.period, "positive")
+        for name, allowed in (("sensor_bandwidth", "positive"), ("sensor_delay", "not negative")):
+            batch_values(name, getattr(self, name), 1, allowed)
+        for name in ("robot_compliance", "environment_compliance") if self.size else ():
+            value = batch_values(name, getattr(self, name), self.size, "not negative")
+            object.__setattr__(self, name, value)
 
     @property
     def total_compliance(self) -> Array:

@@ -181,7 +181,8 @@ class ContactWrench(PythonBlock):
         self, plant: MultibodyPlant, on: Collection[int], by: Collection[int] | None, frame: Frame, pairs: int = 0
     ):
         super().__init__()
-        self._reader, self._on, self._by = ContactReader(plant), on, by
+        self._reader, self._on = ContactReader(plant), frozenset(map(int, on))
+        self._by = None if by is None else frozenset(map(int, by))
         self._body, self._X_BF = int(frame.body().index()), frame.GetFixedPoseInBodyFrame()
         self._results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
         self._poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))

@@ -117,6 +117,8 @@ class JointServo(PythonDiagram):
         torque: z at the start, shape (n,) [Nm].
     """
 
+    optional_inputs = ReferenceHold.optional_inputs
+
     def __init__(
         self,
         gains: ServoGains,
@@ -130,8 +132,8 @@ class JointServo(PythonDiagram):
         substeps: int = 1,
     ):
         super().__init__()
-        B = np.asarray(inertia, dtype=float)
-        n = len(B)
+        n = np.size(inertia)
+        B = batch_values("inertia", inertia, n, "positive")
         count = check_count("substeps", substeps)
         bound = batch_values("limit", limit, n, "positive")
         step = check("time_step", time_step, "positive")

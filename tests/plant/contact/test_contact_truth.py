@@ -63,8 +63,10 @@ class Balls:
         self.blocks = {
             "all": builder.AddNamedSystem("all", ContactWrench(plant, second, None, frame)),
             "balls": builder.AddNamedSystem("balls", ContactWrench(plant, second, others, frame)),
+            # By indices as Drake has them.
             "plate": builder.AddNamedSystem(
-                "plate", ContactWrench(plant, second, bodies_named(plant, ["world"], "by"), frame)
+                "plate",
+                ContactWrench(plant, {plant.GetBodyByName("second").index()}, [plant.world_body().index()], frame),
             ),
         }
         for block in self.blocks.values():

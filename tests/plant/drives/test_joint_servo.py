@@ -98,12 +98,25 @@ def test_the_position_it_starts_with_holds_before_the_first_reference():
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"period": 0.0}, "period"), ({"time_step": 0.003}, "whole multiple"), ({"limit": [-1.0, 1.0]}, "limit")],
+    [
+        ({"period": 0.0}, "period"),
+        ({"time_step": 0.003}, "whole multiple"),
+        ({"limit": [-1.0, 1.0]}, "limit"),
+        ({"inertia": [0.3, -0.1]}, "inertia"),
+    ],
 )
 def test_what_cannot_be_is_refused(options, message):
-    known = {"limit": np.ones(2), "period": TICK, "time_step": STEP, "start": 0.0}
+    known = {"inertia": INERTIA, "limit": np.ones(2), "period": TICK, "time_step": STEP, "start": 0.0}
     with pytest.raises(BadInputError, match=message):
-        JointServo(GAINS, INERTIA, **{**known, **options})
+        JointServo(GAINS, **{**known, **options})
+
+
+def test_of_one_joint_all_may_be_numbers_and_what_may_stay_open_is_said():
+    block = JointServo(GAINS, 0.3, np.inf, period=TICK, time_step=STEP, start=0.1)
+    context = block.CreateDefaultContext()
+    fix(block, context, position=[0.0], velocity=[0.0])
+    np.testing.assert_allclose(block.GetOutputPort("motor_torque").Eval(context), [0.1 * STIFFNESS[0]])
+    assert set(block.optional_inputs) == {"joint_velocity_command", "joint_torque_feedforward"}
 
 
 def test_motors_move_as_their_friction_says():
