@@ -239,7 +239,7 @@ def _turns(actuator: JointActuator) -> bool:
 def check_lists(parameters: ControlParameters) -> None:
     """BadInputError for links that stand twice in a list, and pairs that do."""
     check_distinct("tool_neighbours", parameters.tool_neighbours)
-    check_distinct("ignored_collisions", [set(pair) for pair in parameters.ignored_collisions])
+    check_distinct("ignored_collisions", [sorted(pair) for pair in parameters.ignored_collisions])
     for name, arm in parameters.arms.items():
         check_distinct(f"arms.{name}.tool_neighbours", arm.tool_neighbours)
 

@@ -94,14 +94,14 @@ def all_bodies(name: str, model: ModelFile) -> Bodies:
 
 
 def some_bodies(model: ModelFile, links: Iterable[str], key: str) -> Bodies:
-    """Some bodies of a model, which stand at this key.
+    """Some bodies of a model, which stand in the list at this key.
 
     Raises:
         BadInputError: there is no such body.
     """
-    for link in links:
+    for i, link in enumerate(links):
         if link not in model.bodies:
-            raise unknown(f"link of {model.name}", link, model.bodies).at(key)
+            raise unknown(f"link of {model.name}", link, model.bodies).at(f"{key}.{i}")
     return [f"{model.name}::{link}" for link in links]
 
 

@@ -334,7 +334,9 @@ Check = tuple[str, Any, str, bool]  # (field, value, what is allowed, whether it
 
 def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
     n, names = parameters.num_joints, parameters.arm_joints
-    yield "arm_joints", names, "different joint names, at least one", 0 < n == len(set(names))
+    yield "arm_joints", names, "joint names, at least one", n > 0
+    for i, name in enumerate(names):
+        yield f"arm_joints.{i}", name, "another joint than those before it", name not in names[:i]
     yield from _arm_checks(parameters)
     for name in PER_JOINT:
         values = getattr(parameters, name)

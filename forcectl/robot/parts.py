@@ -168,8 +168,9 @@ def add_robot_with(
         models[called] = tool_file
         neighbours = some_bodies(whole, arms[arm].tool_neighbours, "tool_neighbours")
         filters.append((all_bodies(called, tool_file), neighbours))
-    for a, b in parameters.ignored_collisions:
-        filters.append((some_bodies(whole, [a], "ignored_collisions"), some_bodies(whole, [b], "ignored_collisions")))
+    for i, pair in enumerate(parameters.ignored_collisions):
+        a, b = some_bodies(whole, pair, f"ignored_collisions.{i}")
+        filters.append(([a], [b]))
     instances = parse_models(plant, models, filters)
     instance = instances[whole.name]
 

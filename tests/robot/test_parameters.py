@@ -71,7 +71,7 @@ MISTAKES = [
     ("gear_ratio: [100, -100, 50]", "gear_ratio: [100, 0, 50]", "must be each from 0.001 to 100000 in size"),
     ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1, 2]", "velocity_loop_inertia = [1.0, 2.0]: must be 3"),
     ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1, 0, 2]", "must be from 1e-6 to 1e4"),
-    ("[shoulder, elbow, wrist]", "[shoulder, elbow, elbow]", "must be different joint names"),
+    ("[shoulder, elbow, wrist]", "[shoulder, elbow, elbow]", "arm_joints.2 = 'elbow': must be another joint than"),
     ("[shoulder, elbow, wrist]", "shoulder", "arm_joints = 'shoulder': must be a list"),
     ("period: 0.004", "period: 0.004\nlink_compliance: {hand: [0, 0, 0]}", "link_compliance.hand"),
     (

@@ -210,7 +210,7 @@ def test_friction_that_is_left_out(tmp_path):
         (
             "joints: [wrist]",
             "joints: [wrist], tool_neighbours: [palm]",
-            "tool_neighbours: unknown link of planar 'palm'",
+            "tool_neighbours.0: unknown link of planar 'palm'",
         ),
     ],
 )

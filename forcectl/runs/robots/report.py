@@ -38,6 +38,7 @@ _SETS = ("joint_stiffness", "default_stiffness_set", "link_compliance_sets")
 _FLANGE = ("flange_frame", "flange_turn_deg", "tool_neighbours")
 _JOINTS = ("arm_joints", "arms", "held_joints", "motor_coupling", *_FLANGE, *PER_JOINT, *_SETS)
 _TOGETHER = {"arm_joints": _JOINTS, "arms": _JOINTS, "joint_stiffness": _SETS}
+_ENTRIES = ("ignored_collisions", "tool_neighbours")  # lists of which each entry stands for itself
 # Keys that drives and weight are checked against.
 _BASIC = {
     "arm_joints",
@@ -194,6 +195,7 @@ def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> Non
     tree = ModelTree(plant, instance, file.urdf)
     plant.Finalize()
     rest, wrong, named = plain(keys), set[str](), dict(report.missing)
+    places = {key: list(range(len(rest[key]))) for key in _ENTRIES if isinstance(rest.get(key), list)}
     if isinstance(rest.get("model"), str):
         del rest["model"]  # it was looked for
     for error in _unknown_joints(rest, tree):
@@ -204,11 +206,20 @@ def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> Non
         try:
             _understand(report, model, rest, wrong, tree, refused)
         except BadInputError as error:
-            first = error.field.partition(".")[0]
-            told = error.at(error.field, place(origin, keys.lines, error.field)) if first in keys else error
+            key = error.field
+            first, _, name = key.partition(".")
+            entry, _, within = name.partition(".")
+            if first in places and entry.isdigit():  # the other entries are still looked at
+                del rest[first][int(entry)]
+                key = ".".join([first, str(places[first].pop(int(entry))), *([within] if within else [])])
+            elif first == "default_posture_deg" and entry.isdigit() and "arm_joints" in rest:
+                rest[first][int(entry)] = _within(tree.plant, rest["arm_joints"])[int(entry)]
+            elif not _left_out(rest, key):
+                first = ""
+            told = error.at(key, place(origin, keys.lines, key)) if first in keys else error
             report.problems.append(str(told))
-            if _left_out(rest, error.field):
-                wrong |= {first, error.field}
+            if first:
+                wrong |= {first, key}
                 continue
         break
     report.problems += refused

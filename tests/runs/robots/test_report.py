@@ -260,25 +260,30 @@ MISTAKES = [
 ]
 
 
+PAIRS = "[[hand, palm], [hand], [thumb, hand], [hand, base], [base, hand]]"
 ALL_WRONG = {
     "arm_joints: [shoulder, elbow, wrist]": "arm_joints: [shoulder, elbw, wrist]",
     "flange_frame: hand": "flange_frame: hnad",
-    "default_posture_deg: [10, 60, -20]": "default_posture_deg: [10, 60]",
+    "default_posture_deg: [10, 60, -20]": "default_posture_deg: [200, 60, -190]",
     "soft: [1000, 800, 600]": "soft: [1000, 800]",
     "natural_frequency: 50, damping_ratio: 0.9": "natural_frequency: -3",
     "characteristic_length: 0.5\n": "",
-    "viscous_friction: [0, 0, 0]": "nonsense: 3\nheld_joints: {slide: 9}\nignored_collisions: [[hand, palm]]",
+    "viscous_friction: [0, 0, 0]": f"nonsense: 3\nheld_joints: {{slide: 9}}\nignored_collisions: {PAIRS}",
 }
 TOLD = [
     "2: model = 'plan.urdf': there is no such file",
     "5: arm_joints.1: unknown joint 'elbw': did you mean 'elbow'? known: ",
     "4: flange_frame: unknown flange_frame of planar 'hnad': did you mean 'hand'? known: ",
-    "6: default_posture_deg = [10.0, 60.0]: must be 3 finite numbers",
+    "6: default_posture_deg.0 = 200.0: must be from -171.887 to 171.887",
+    "6: default_posture_deg.2 = -190.0: must be from",
     "8: joint_stiffness.soft = [1000.0, 800.0]: must be 3 finite numbers",
     "12: reference_filter.natural_frequency = -3.0: must be from 1 to 1e4",
     "17: nonsense: unknown key 'nonsense': known: ",
     "18: held_joints.slide = 9.0: must be within the joint's limits, -3 to 3 [rad, m]",
-    "19: ignored_collisions: unknown link of planar 'palm': known: ",
+    "19: ignored_collisions.0.1: unknown link of planar 'palm': known: ",
+    "19: ignored_collisions.1 = ['hand']: must be two different links",
+    "19: ignored_collisions.2.0: unknown link of planar 'thumb': known: ",
+    "19: ignored_collisions.4 = ['base', 'hand']: must be another one than those before it",
 ]
 
 
@@ -300,7 +305,7 @@ def test_what_is_missing_is_counted_though_the_robot_cannot_be_used(tmp_path, fo
     folder = write_planar_robot(tmp_path / "robot", "arm_joints: [slide, slide]\nflange_frame: hand\n")
     report = examine_robot(folder)
     assert report.problems == [
-        "planar.control.yaml:1: arm_joints = ['slide', 'slide']: must be different joint names, at least one"
+        "planar.control.yaml:1: arm_joints.1 = 'slide': must be another joint than those before it"
     ]
     assert set(report.missing) >= {"model", "reference_filter", "period", "default_posture_deg"}
     urdf = folder / "planar.urdf"
