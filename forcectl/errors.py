@@ -76,6 +76,16 @@ def invalid(key: str, value: object, allowed: str) -> BadInputError:
     return BadInputError(f" = {show(value)}: must be {allowed}", key=key, value=value, allowed=allowed)
 
 
+def invalid_entries(key: str, values: Sequence[Any], right: Sequence[bool], allowed: str) -> BadInputError:
+    """The error for a list with entries that are not allowed: `key.1 = value, key.4 = value: must be ...`."""
+    if not any(right):
+        return invalid(key, values, allowed)
+    (first, value), *others = [(i, values[i]) for i, ok in enumerate(right) if not ok]
+    more = "".join(f", {key}.{i} = {show(other)}" for i, other in others)
+    text = f" = {show(value)}{more}: must be {allowed}"
+    return BadInputError(text, key=f"{key}.{first}", value=value, allowed=allowed)
+
+
 def check_distinct(key: str, names: Sequence[object]) -> None:
     """Refuse a list in which something stands twice.
 

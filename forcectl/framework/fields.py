@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, invalid, invalid_entries, unknown
 
 REQUIRED: Any = dataclasses.MISSING
 _NUMBERS = {2: "two", 3: "three", 6: "six"}
@@ -267,8 +267,8 @@ def _check(name: str, value: Any, declared: Key, kind: Any, default: Any) -> Non
     elif typing.get_origin(kind) is dict and typing.get_args(kind)[1] in (float, np.ndarray):
         for each, part in value.items():
             _check(f"{name}.{each}", part, declared, typing.get_args(kind)[1], REQUIRED)
-    elif kind is np.ndarray and not np.all(declared.span.holds(value)):
-        raise invalid(name, np.asarray(value).tolist(), declared.allowed())
+    elif kind is np.ndarray and not np.all(ok := declared.span.holds(value)):
+        raise invalid_entries(name, np.ravel(value).tolist(), np.ravel(ok).tolist(), declared.allowed())
     elif kind is bool and not isinstance(value, bool):
         raise invalid(name, value, "true or false")
     elif kind is str and not isinstance(value, str | PurePath):

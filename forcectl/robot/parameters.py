@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, invalid, invalid_entries, unknown
 from forcectl.framework.fields import Config, key, key_of, typed_fields
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, parse, place
@@ -152,8 +152,10 @@ class ControlParameters(Config):
         if not self.friction_offset.size:
             self.friction_offset = np.zeros(self.num_joints)
         for name, value, allowed, ok in _control_checks(self):
-            if not ok:
-                raise invalid(name, value, allowed)
+            if not np.all(ok):
+                raise (
+                    invalid_entries(name, value, ok, allowed) if isinstance(ok, list) else invalid(name, value, allowed)
+                )
         for value in vars(self).values():
             for item in value.values() if isinstance(value, dict) else [value]:
                 if isinstance(item, np.ndarray):
@@ -329,14 +331,13 @@ def missing_limits(keys: Mapping[str, Any], model: Path) -> list[str]:
 
 
 _LARGEST_CONDITION = 1e9  # of the coupling of the motors
-Check = tuple[str, Any, str, bool]  # (field, value, what is allowed, whether it is)
+Check = tuple[str, Any, str, bool | list[bool]]  # (field, value, what is allowed, whether it is, or each entry)
 
 
 def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
     n, names = parameters.num_joints, parameters.arm_joints
     yield "arm_joints", names, "joint names, at least one", n > 0
-    for i, name in enumerate(names):
-        yield f"arm_joints.{i}", name, "another joint than those before it", name not in names[:i]
+    yield "arm_joints", names, "a joint not yet in it", [name not in names[:i] for i, name in enumerate(names)]
     yield from _arm_checks(parameters)
     for name in PER_JOINT:
         values = getattr(parameters, name)
@@ -346,15 +347,13 @@ def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
     allowed = f"below {fastest:.4g} rad/s, half the rate of control with its period of {parameters.period:g} s"
     yield "reference_filter.natural_frequency", frequency, allowed, frequency < fastest
     geared = np.abs(parameters.gear_ratio)
-    sizes = bool(np.all((geared >= GEAR_RATIO.smallest) & (geared <= GEAR_RATIO.largest)))
-    allowed = f"each from {GEAR_RATIO.smallest:g} to {GEAR_RATIO.largest:g} in size"
-    yield "gear_ratio", parameters.gear_ratio.tolist(), allowed, sizes
+    allowed = f"from {GEAR_RATIO.smallest:g} to {GEAR_RATIO.largest:g} in size"
+    sizes = (geared >= GEAR_RATIO.smallest) & (geared <= GEAR_RATIO.largest)
+    yield "gear_ratio", parameters.gear_ratio.tolist(), allowed, sizes.tolist()
     for name, stiffness in parameters.joint_stiffness.items():
         yield _numbers(f"joint_stiffness.{name}", stiffness, n)
-    known = ", ".join(parameters.joint_stiffness)
-    chosen = parameters.default_stiffness_set
-    none = not chosen and not parameters.joint_stiffness
-    right = none or chosen in parameters.joint_stiffness
+    known, chosen = ", ".join(parameters.joint_stiffness), parameters.default_stiffness_set
+    right = chosen in parameters.joint_stiffness or not (chosen or parameters.joint_stiffness)
     yield "default_stiffness_set", chosen, f"one of the stiffness sets ({known})", right
     for i, pair in enumerate(parameters.ignored_collisions):
         yield f"ignored_collisions.{i}", pair, "two different links", len(pair) == 2 and len(set(pair)) == 2

@@ -200,7 +200,7 @@ def test_friction_that_is_left_out(tmp_path):
         (
             "period: 0.004",
             "period: 0.004\nviscous_friction_backward: [0, 0, -1]",
-            "viscous_friction_backward = [0.0, 0.0, -1.0]: must be from 0 to 1e6",
+            "viscous_friction_backward.2 = -1.0: must be from 0 to 1e6",
         ),
         (
             "period: 0.004",

@@ -304,9 +304,7 @@ def test_all_that_is_wrong_is_told_beside_all_that_is_missing(tmp_path):
 def test_what_is_missing_is_counted_though_the_robot_cannot_be_used(tmp_path, forcectl):
     folder = write_planar_robot(tmp_path / "robot", "arm_joints: [slide, slide]\nflange_frame: hand\n")
     report = examine_robot(folder)
-    assert report.problems == [
-        "planar.control.yaml:1: arm_joints.1 = 'slide': must be another joint than those before it"
-    ]
+    assert report.problems == ["planar.control.yaml:1: arm_joints.1 = 'slide': must be a joint not yet in it"]
     assert set(report.missing) >= {"model", "reference_filter", "period", "default_posture_deg"}
     urdf = folder / "planar.urdf"
     urdf.write_text(urdf.read_text().replace('<mass value="2"/>', '<mass value="0.01"/>'))
