@@ -138,6 +138,8 @@ def examine_robot(folder: str | Path) -> RobotReport:
             report.notes.append(f"{file.name} is empty: as if there were none")
         origin = file.name if file else ""
         report.model = given or _model_file(report, keys, origin)
+        if given and "model" not in keys:
+            report.missing["model"] = f"model: {given.name}"
         if report.model is not None:
             _examine(report, report.model, keys, origin)
     except BadInputError as error:

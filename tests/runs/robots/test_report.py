@@ -337,7 +337,7 @@ def test_an_empty_file_is_as_none(tmp_path, forcectl):
     assert report.problems == []
     assert "planar.control.yaml is empty: as if there were none" in report.notes
     (folder / "planar.control.yaml").unlink()
-    assert examine_robot(folder).missing == report.missing
+    assert examine_robot(folder).missing == examine_robot(folder / "planar.urdf").missing == report.missing
     (folder / "planar.control.yaml").write_text("# nothing yet\n")
     with pytest.raises(BadInputError, match=r"^planar\.control\.yaml: model is missing: .*; period is missing: "):
         RobotModel.load(folder, None)
