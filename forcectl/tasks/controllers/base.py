@@ -17,6 +17,7 @@ from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
 from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import RobotModel
 from forcectl.tasks.constraints.base import Constraint
 from forcectl.tasks.constraints.parts import at_keys, constraints_of
 from forcectl.tasks.coordinates import COORDINATES, ArmTask
@@ -111,14 +112,14 @@ class TaskControllerConfig(Config):
             return made
 
         if not modes:
-            _check_coordinates(tasks)
+            _check_coordinates(tasks, robot)
         made = []
         for (at, mode), own in zip(_keys(modes), kept, strict=False):
             part, place = (self.null_space, "null_space")
             if mode.null_space:
                 part, place = mode.null_space[0], f"{at}.null_space.0"
             followed = _followed(mode, tasks, f"{at}.tasks")
-            _check_coordinates({name: task for name, task in tasks.items() if name in mode.tasks} or tasks)
+            _check_coordinates({name: task for name, task in tasks.items() if name in mode.tasks} or tasks, robot)
             name = at.removeprefix("modes.")
             made.append(Mode(followed, own, criterion(part, place, [*own, *always]), name=name))
         with at_keys(keys):
@@ -165,8 +166,9 @@ def _followed(mode: ModeConfig, tasks: Mapping[str, ArmTask], key: str) -> list[
     return [tasks[name] for name in mode.tasks] or None
 
 
-def _check_coordinates(tasks: Mapping[str, ArmTask]) -> None:
-    """Tasks of one priority that are followed together have at most the six coordinates of a pose for each arm.
+def _check_coordinates(tasks: Mapping[str, ArmTask], robot: RobotModel) -> None:
+    """Tasks of one priority that are followed together have at most the six coordinates of a pose for each arm, and of
+    an arm with fewer joints as many as those.
 
     Those of an arm in the world and of one in another arm count apart.
     """
@@ -174,6 +176,9 @@ def _check_coordinates(tasks: Mapping[str, ArmTask]) -> None:
     for name, task in tasks.items():
         whose = task.arm, getattr(task, "leader", ""), task.priority
         sizes[whose] = sizes.get(whose, 0) + task.size
-        if sizes[whose] > len(COORDINATES):
+        joints = sum(len(robot.limits.torque[robot.parts.arms[arm].joints]) for arm in whose[:2] if arm)
+        if sizes[whose] > min(joints, len(COORDINATES)):
             fault = f" is the last of tasks of the {task.arm} arm with {sizes[whose]} coordinates at priority"
-            raise BadInputError(f"{fault} {task.priority}: must be at most the six of a pose", key=f"tasks.{name}")
+            fewer = f"{joints}, one per joint: give `tasks` with fewer `coordinates`"
+            most = "the six of a pose" if joints >= len(COORDINATES) else fewer
+            raise BadInputError(f"{fault} {task.priority}: must be at most {most}", key=f"tasks.{name}")

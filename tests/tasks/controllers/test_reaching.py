@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from forcectl.motion.references import held_trajectory
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.result import RunResult
-from forcectl.scenario.scenario import Scenario
+from forcectl.scenario.scenario import Scenario, load_scenario
 from forcectl.tasks.constraints.parts import SpeedLimitConfig, WallConfig
 from forcectl.tasks.controllers.base import ModeConfig
 from forcectl.tasks.controllers.reaching import RandomMovesConfig, ReachConfig, ReactiveReachingConfig, task_space
@@ -42,6 +43,7 @@ from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.task_parts import ArmTaskConfig, start_motion
 from forcectl.testing import assert_memory_released
 from tests.examples.reactive_examples import at, two_arms
+from tests.examples.robot_folders import write_planar_robot
 from tests.examples.stations import free
 
 
@@ -250,6 +252,23 @@ def test_tasks_of_an_arm_may_be_more_than_a_pose_by_priority_or_in_modes() -> No
     build(targets=[], tasks=tasks, modes=[ModeConfig(tasks=[name]) for name in tasks])
     with pytest.raises(BadInputError, match=r"^tasks\.height is the last of tasks of the left arm with 7 coordinates"):
         build(targets=[], tasks=tasks)
+
+
+FEW = """
+station:
+  {robot: FOLDER, tool: null, drive: !JointInterface {}, sensors: {joints: !JointReadings {}}, environment: !Parts {}}
+controller: !ReactiveReaching {link_distance: 0.0, targets: [{arm: arm, position: [0.4, 0.1, 0.0]}]}
+"""
+
+
+def test_a_pose_is_too_much_for_an_arm_of_few_joints(tmp_path: Path) -> None:
+    scenario = parse(FEW.replace("FOLDER", str(write_planar_robot(tmp_path))), "test")
+    with pytest.raises(
+        BadInputError, match=r"controller\.tasks\.arm .* 6 coordinates .* at most 3, one per joint: give"
+    ):
+        fc.build(load_scenario(scenario))
+    task = parse("!ArmTask {arm: arm, coordinates: [x, y, psi]}", "task")
+    fc.build(load_scenario(scenario, overrides={"controller.targets": [], "controller.tasks": {"hand": task}}))
 
 
 def test_arms_may_be_sent_to_the_same_place_one_after_the_other_or_where_links_may_touch() -> None:
