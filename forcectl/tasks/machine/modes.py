@@ -84,11 +84,13 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
         _check_mode("on_bad_signal", on_bad_signal, modes)
     for i, exit_ in enumerate(always):
         _check_mode(f"always.{i}.to", exit_.to, modes)
-    longest = max((mode.timeout for mode in modes.values() if mode.timeout is not None), default=math.inf)
-    for i, exit_ in enumerate(always):
-        if exit_.hold >= longest:
-            raise invalid(f"always.{i}.hold", exit_.hold, f"below the longest timeout of a mode, {longest:g} s")
+    timeouts = [mode.timeout for mode in modes.values() if mode.timeout is not None]
+    longest = max(timeouts, default=math.inf)
     _check_guards("always", always)
+    for i, exit_ in enumerate(always):
+        if Expression(exit_.when).limits().get("time", (0.0, 0.0))[0] >= longest:
+            allowed = f"true within the longest timeout of a mode, {longest:g} s; over modes there is elapsed"
+            raise invalid(f"always.{i}.when", exit_.when, allowed)
     for name, mode in modes.items():
         _check_ways(f"modes.{name}", name, mode, modes)
         for arm, state in mode.grippers.items():
@@ -111,6 +113,9 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
         check_able(f"modes.{name}.exits", modes[name].exits, _ONCE, f"nothing leads back to {name}: visits is 1")
     if len(once) == len(modes):
         check_able("always", always, _ONCE, "nothing leads back to any mode: visits is 1")
+        for i, exit_ in enumerate(always):
+            if exit_.hold >= sum(timeouts):
+                raise invalid(f"always.{i}.hold", exit_.hold, f"below all timeouts together, {sum(timeouts):g} s")
 
 
 def check_able(

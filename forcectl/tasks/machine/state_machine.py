@@ -66,11 +66,19 @@ class Guard:
 
 
 class _Exit(NamedTuple):
-    """A transition: guard, number of the mode that it leads to, ticks that the guard has to hold after the first."""
+    """A transition.
+
+    Attributes:
+        guard: of it.
+        target: number of the mode that it leads to.
+        hold: ticks that the guard has to hold after the first.
+        counter: where in `held` the ticks are counted; those of `always` come first.
+    """
 
     guard: Guard
     target: int
     hold: int
+    counter: int
 
 
 class _Mode(NamedTuple):
@@ -125,9 +133,9 @@ class StateMachine(SampledBlock):
     The first tick begins the first mode. At every later tick the exits of all modes and then those of the mode
     are looked at in their order, then whether a signal is bad, then the timeout; the first that applies begins another
     mode at that tick, whose own exits are looked at from the next tick on. So there is one transition at a tick at
-    most. A guard with `hold` must hold at every tick over that time, within the mode. A guard does not hold while a
-    signal that it reads is not finite; when one that the guards of the mode read stays so for more than `longest_gap`,
-    `on_bad_signal` begins.
+    most. A guard with `hold` must hold at every tick over that time, within the mode; one of `always` also from mode to
+    mode. A guard does not hold while a signal that it reads is not finite; when one that the guards of the mode read
+    stays so for more than `longest_gap`, `on_bad_signal` begins.
 
     The mode is a number in the declared memory and no abstract value: an abstract state changes in unrestricted
     updates only, which copy the state of the whole diagram and act after the outputs of the tick were computed. As it
@@ -177,6 +185,7 @@ class StateMachine(SampledBlock):
         components = _components(signals)
         self._modes = [self._built(name, mode, always, components, arms) for name, mode in modes.items()]
         self._bad_mode = self._numbers_of.get(on_bad_signal)
+        self._watched = len(always)
         first = self._modes[self._numbers_of[start]]
         self._grips = any(mode.grippers for mode in modes.values())
         if self._grips and np.isnan(first.grippers).any():
@@ -202,7 +211,7 @@ class StateMachine(SampledBlock):
             "machine_end": first.end,
             "ticks": -1.0,  # in the mode
             "gap": 0.0,  # ticks in a row at which a signal was bad
-            "held": np.zeros(max(1, *(len(mode.exits) for mode in self._modes))),  # ticks, of each guard of the mode
+            "held": np.zeros(max(1, len(always) + max(len(mode.exits) for mode in modes.values()))),  # ticks
             "visits": np.zeros(len(modes)),
             "all_ticks": 0.0,
         }
@@ -225,15 +234,15 @@ class StateMachine(SampledBlock):
         arms: Sequence[str],
     ) -> _Mode:
         place, exits = f"modes.{name}", []
-        ways = [(f"always.{i}", exit_) for i, exit_ in enumerate(always) if exit_.to != name and not mode.end]
-        ways += [(f"{place}.exits.{i}", exit_) for i, exit_ in enumerate(mode.exits)]
-        for key, exit_ in ways:
+        ways = [(f"always.{i}", i, exit_) for i, exit_ in enumerate(always) if exit_.to != name and not mode.end]
+        ways += [(f"{place}.exits.{i}", len(always) + i, exit_) for i, exit_ in enumerate(mode.exits)]
+        for key, counter, exit_ in ways:
             guard = Guard(exit_.when, f"{key}.when", list(components))
             low, high = guard.times
             if math.floor(high / self._tick + _TINY) < math.ceil(low / self._tick - _TINY):
                 raise invalid(f"{key}.when", exit_.when, f"true at a tick, every {self._tick:g} s")
             hold = math.ceil(exit_.hold / self._tick - _TINY)
-            exits.append(_Exit(guard, self._numbers_of[exit_.to], hold))
+            exits.append(_Exit(guard, self._numbers_of[exit_.to], hold, counter))
         if mode.timeout is not None and mode.timeout < self._tick * (1.0 - _TINY):
             raise invalid(f"{place}.timeout", mode.timeout, f"at least a tick, {self._tick:g} s")
         grippers = np.full(len(arms), np.nan)
@@ -263,11 +272,11 @@ class StateMachine(SampledBlock):
         all_ticks = memory["all_ticks"] + 1.0
         values |= {TIME: ticks * self._tick, VISITS: memory["visits"].item(number), ELAPSED: all_ticks * self._tick}
         held, way = np.zeros_like(memory["held"]), None
-        for i, exit_ in enumerate(mode.exits):
+        for exit_ in mode.exits:
             value = exit_.guard.value_if_true(values)
             if value is not None:
-                held[i] = memory["held"][i] + 1.0
-                if held[i] > exit_.hold and way is None:
+                held[exit_.counter] = memory["held"][exit_.counter] + 1.0
+                if held[exit_.counter] > exit_.hold and way is None:
                     way = exit_.target, value
         if way is None and self._bad_mode not in (None, number) and gap > self._gap:
             way = self._bad_mode, gap * self._tick
@@ -276,7 +285,8 @@ class StateMachine(SampledBlock):
         after = {**memory, "gap": gap, "all_ticks": all_ticks}
         if way is None:
             return after | {"ticks": ticks, "time_in_mode": values[TIME], "held": held}
-        after |= {"transition": memory["transition"] + 1.0, "transition_value": way[1]}
+        held[self._watched :] = 0.0
+        after |= {"held": held, "transition": memory["transition"] + 1.0, "transition_value": way[1]}
         return self._begun(after, way[0])
 
     def _begun(self, memory: Memory, number: int) -> dict[str, Any]:
@@ -289,7 +299,6 @@ class StateMachine(SampledBlock):
             "time_in_mode": 0.0,
             "machine_end": mode.end,
             "ticks": 0.0,
-            "held": np.zeros_like(memory["held"]),
             "visits": visits,
         }
         if self._grips:

@@ -250,11 +250,17 @@ def test_a_timeout_lasts_a_tick():
         StateMachine(quick, start="approach", signals=PEG_SIGNALS, arms=("left", "right"))
 
 
-def test_what_is_watched_in_every_mode_holds_within_one():
-    message = r"^always\.0\.hold = 5\.0: must be below the longest timeout of a mode, 5 s"
+def test_what_is_watched_in_every_mode_can_hold_before_the_timeouts():
+    once = changed("stopping", exits=peg()["stopping"].exits[1:])(peg())
+    together = sum(mode.timeout or 0.0 for mode in once.values())
+    message = rf"^always\.0\.hold = {together}: must be below all timeouts together, {together:g} s"
     with pytest.raises(BadInputError, match=message):
-        check_modes(peg(), "approach", always=[exit_to("stuck", "touch.force_z > 3", 5.0)])
-    check_modes(peg(), "approach", always=[exit_to("stuck", "touch.force_z > 3", 4.0)])
+        check_modes(once, "approach", always=[exit_to("stuck", "touch.force_z > 3", together)])
+    check_modes(once, "approach", always=[exit_to("stuck", "touch.force_z > 3", together - 1.0)])
+    check_modes(peg(), "approach", always=[exit_to("stuck", "touch.force_z > 3", 99.0)])  # to and fro
+    message = r"^always\.0\.when = 'time > 6': must be true within the longest timeout of a mode, 5 s; over modes there"
+    with pytest.raises(BadInputError, match=message):
+        check_modes(peg(), "approach", always=[exit_to("stuck", "time > 6")])
 
 
 @pytest.mark.parametrize(
