@@ -9,14 +9,34 @@ from typing import Any
 import numpy as np
 
 from forcectl.conventions import WRENCH_PARTS
+from forcectl.errors import invalid
+from forcectl.framework.expression import Expression
 from forcectl.plant.plant_model import PlantModel
 from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.machine.modes import SWITCHES, ExitConfig
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 
 _MORE = 2.0  # times the largest wrench that the motors hold in the start posture: other postures hold more
 _FASTER = 3.0  # times the speed that the references may have: constraints move arms, too
 
 Ranges = dict[str, tuple[float, float]]
+
+
+def check_no_single_value(place: str, exits: Sequence[ExitConfig]) -> None:
+    """Refuse guards that wait for one value, other than zero, of what is measured, moves or is a time.
+
+    Args:
+        place: key of the exits.
+        exits: with the guards.
+
+    Raises:
+        BadInputError: about the guard.
+    """
+    for i, exit_ in enumerate(exits):
+        for side, (low, high) in Expression(exit_.when).limits().items():
+            counted = {name.partition(".")[0] for name in Expression(side).names} <= {*SWITCHES, "visits"}
+            if low == high != 0.0 and not counted:
+                raise invalid(f"{place}.{i}.when", exit_.when, f"with < or >: {side} is hardly ever exactly {low:g}")
 
 
 def wrench_ranges(model: PlantModel, tasks: Mapping[str, ArmTask]) -> tuple[Ranges, str]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from keyword import iskeyword
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
@@ -34,7 +35,7 @@ from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConf
 from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
 from forcectl.tasks.controllers.components import task_components
-from forcectl.tasks.controllers.guard_ranges import speed_ranges, wrench_ranges
+from forcectl.tasks.controllers.guard_ranges import check_no_single_value, speed_ranges, wrench_ranges
 from forcectl.tasks.controllers.reaching import task_space
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.machine.chart import MachineChart
@@ -86,7 +87,15 @@ class TaskMachineConfig(TaskControllerConfig):
         if not self.modes:
             raise BadInputError("must have at least one", key="modes")
         check_modes(self.modes, self._start, self.on_bad_signal, self.always)
+        check_no_single_value("always", self.always)
+        for name, mode in self.modes.items():
+            check_no_single_value(f"modes.{name}.exits", mode.exits)
         for name, part in self.tasks.items():
+            if not name.isidentifier() or iskeyword(name):
+                allowed = (
+                    "named by letters, digits and _, not beginning with a digit, and no word such as and, not, pass"
+                )
+                raise invalid("tasks", name, allowed)
             if part.targets:
                 raise BadInputError("must be left out: references of the modes say it", key=f"tasks.{name}.targets")
 

@@ -31,7 +31,7 @@ from forcectl.tasks.machine.chart import ChartArrow, ChartMode, MachineChart
 GRIPPERS = ("open", "closed")
 LONGEST_GAP = 0.05  # [s]
 GUARD_EXAMPLE = "time > 0.5 and abs(touch.force_z) > 1"
-_SWITCHES = ("reached", "stalled", "holding", "gripper_holds")  # signals that are 0 or 1
+SWITCHES = ("reached", "stalled", "holding", "gripper_holds")  # signals that are 0 or 1
 _SOON = 1e-9  # [s] after something began: guards are first looked at a tick later
 _RANGES = {"time": (0.0, math.inf), "elapsed": (_SOON, math.inf), "visits": (1.0, math.inf)}
 _ONCE = {"visits": (1.0, 1.0)}
@@ -241,7 +241,7 @@ def _check_guards(place: str, exits: Sequence[ExitConfig], timeout: float = math
         condition.check_condition()
         limits = condition.limits()
         for name, (low, high) in limits.items():
-            if name.partition(".")[0] in _SWITCHES and not (low <= 0 <= high or low <= 1 <= high):
+            if name.partition(".")[0] in SWITCHES and not (low <= 0 <= high or low <= 1 <= high):
                 raise BadInputError(f" = {exit_.when!r}: {name} is 0 or 1: must be able to hold", key=key)
         low, high = limits.get("time", (0.0, 0.0))
         if low >= timeout or high < 0:
@@ -258,7 +258,7 @@ def _check_guards(place: str, exits: Sequence[ExitConfig], timeout: float = math
 
 def _check_open(key: str, condition: Expression, first: Mapping[str, tuple[float, float]]) -> None:
     """It depends on the signals whether a guard holds, and does not hold anyway when it is first looked at."""
-    ranges = {name: (0.0, 1.0) for name in condition.names if name.partition(".")[0] in _SWITCHES} | _RANGES
+    ranges = {name: (0.0, 1.0) for name in condition.names if name.partition(".")[0] in SWITCHES} | _RANGES
     for part, holds in condition.settled(ranges):
         shown = "" if part == condition.text.strip() else f": {part!r}"
         way = "true: must be able to be false; time > 0 goes on at once" if holds else "false: must be able to hold"

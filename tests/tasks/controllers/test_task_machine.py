@@ -155,6 +155,11 @@ def test_a_mode_that_does_not_fit_is_told_by_its_key(changed: tuple[str, str], t
         (("to: press}", "to: pres}"), "controller.modes.lower.exits.0.to: unknown mode 'pres'"),
         (("{arm: left}", "{arm: left, targets: [{value: [0.1]}]}"), "controller.tasks.hold.targets: must be left out"),
         (("timeout: 1.0", "timeout: null"), "controller.modes.press.timeout = None: must be given"),
+        (
+            ("    hold: !Arm", "    give up: !Arm"),
+            "controller.tasks = 'give up': must be named by letters, digits and _",
+        ),
+        (("    hold: !Arm", "    pass: !Arm"), "controller.tasks = 'pass': must be named by letters, digits and _"),
         (("hold: 0.02", "hold: 0.4"), "controller.modes.lower.exits.1.hold = 0.4: must be below duration = 0.3 s"),
         (("{by: -0.002}", "{by: -0.002, velocity: 0.1}"), "controller.modes.press.references.touch.z.by and velocity"),
     ],
