@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.analysis.insertion import part_orientation, part_rows
+from forcectl.analysis.insertion import BESIDE, part_orientation, part_rows
 from forcectl.analysis.slot import check_parts
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-_BESIDE = 0.01  # [m] from the axis, from where on a part stands beside the other one
 
 
 @dataclass(kw_only=True)
@@ -71,12 +70,12 @@ class AssemblyAnalysis(Config):
         free = log["part_released"].values[-1] > 0.5
         let_go = {name: bool(free[held.index(name)]) for name in (self.peg, self.cap)}
         place, _ = _relative(log, setting, self.bore, self.peg)
-        depth, within = -place[:, 2], np.linalg.norm(place[:, :2], axis=1) < _BESIDE
+        depth, within = -place[:, 2], np.linalg.norm(place[:, :2], axis=1) < BESIDE
         engaged, seated = within & (depth > self.lead_in), within & (np.abs(depth - self.seat) <= self.within)
         place, turn = _relative(log, setting, self.cap, self.mount)
         angle, way = np.degrees(np.arctan2(turn[:, 1, 0], turn[:, 0, 0])), np.copysign(1.0, self.lock_deg)
         tilt = np.degrees(np.arccos(np.clip(turn[:, 2, 2], -1.0, 1.0)))
-        locked = (way * angle >= abs(self.lock_deg)) & (np.linalg.norm(place[:, :2], axis=1) < _BESIDE)
+        locked = (way * angle >= abs(self.lock_deg)) & (np.linalg.norm(place[:, :2], axis=1) < BESIDE)
         locked &= np.abs(place[:, 2]) <= self.within
         straight = locked & (tilt <= self.straight_deg)
         force = float(log["arm_contact_force"].values.max())

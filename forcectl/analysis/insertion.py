@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _ROUNDING = 1e-9  # [s]
+BESIDE = 0.01  # [m] from the axis, from where on a part stands beside the other one
 _TOUCH = 0.05  # [N] a smaller true force is no contact
 _IN_THE_AIR = 0.1  # [s] without contact, after which a decision was one in the air
 
@@ -93,6 +94,7 @@ class InsertionAnalysis(Config):
     bore: str = key("tube", "part whose frame is in the opening of the bore")
     seat: float = key(0.096, "depth of a peg that is seated", unit="m", bounds="positive")
     within: float = key(0.002, "of that depth a peg is seated", unit="m", bounds="positive")
+    beside: float = key(BESIDE, "from the axis, from where on it is not in the bore", unit="m", bounds="positive")
     on_contact: list[str] = key([], "modes that only a contact may begin")
     task: int = key(1, "number of the task that inserts, whose estimated forces are drawn", bounds="positive")
     coordinate: int = key(1, "number of its first coordinate, from which on speeds are drawn", bounds="positive")
@@ -122,7 +124,8 @@ class InsertionAnalysis(Config):
         done = next((stay.begin for stay in way if stay.kind == 1), None)
         # What comes after a success, such as the release, is not part of the insertion.
         last = len(course.time) - 1 if done is None else int(np.searchsorted(course.time, done - _ROUNDING))
-        outside = np.flatnonzero(np.abs(course.depth[: last + 1] - self.seat) > self.within)
+        in_place = (np.abs(course.depth - self.seat) <= self.within) & (course.offset < self.beside)
+        outside = np.flatnonzero(~in_place[: last + 1])
         seated = float(course.time[outside[-1] + 1]) if outside.size and outside[-1] < last else None
 
         def after(time: float | None) -> float | None:

@@ -28,14 +28,21 @@ def facing(angle: float) -> Any:
     return RotationMatrix.MakeFromOneVector(axis, 2).ToQuaternion().wxyz()
 
 
-def log(depth: Any, *, tilt: float = 0.0, contact: float = 0.5, modes: dict[float, str] | None = None) -> xr.Dataset:
-    """Of 2 s: the tip at a depth over time [m], 3 mm aside, the plunger askew [rad], 3, 4 and 12 N from contact on."""
+def log(
+    depth: Any,
+    *,
+    aside: float = 0.003,
+    tilt: float = 0.0,
+    contact: float = 0.5,
+    modes: dict[float, str] | None = None,
+) -> xr.Dataset:
+    """Of 2 s: tip at a depth over time and aside [m], plunger askew [rad], 3, 4 and 12 N from contact on."""
     time = np.arange(0.0, 2.0, TICK)
     begins = {0.0: "compliant", 1.4: "stopping", 1.5: "inserted"} if modes is None else modes
     index = np.searchsorted(list(begins), time + 1e-9, side="right") - 1
     numbers = np.array([MODES.index(name) for name in begins.values()])[index]
     tube = np.array([0.4, 0.1, 0.2])
-    tip = tube - depth(time)[:, None] * OUT + 0.003 * ASIDE
+    tip = tube - depth(time)[:, None] * OUT + aside * ASIDE
     wrench = np.zeros((len(time), 6))
     wrench[time > contact] = [9.0, 9.0, 9.0, 3.0, -4.0, 12.0]
 
@@ -81,6 +88,13 @@ def test_a_success_of_the_machine_without_a_seat_is_none(depth):
     found = metrics(log(depth))
     assert found["seated_after_s"] is None
     assert found["inserted"] == 0.0
+
+
+def test_a_plunger_beside_the_tube_is_not_seated():
+    found = metrics(log(lambda t: 0.09 + 0.0 * t * t, aside=0.025))
+    assert (found["seated_after_s"], found["inserted"]) == (None, 0.0)
+    found = metrics(log(lambda t: np.minimum(0.1 * t, 0.09), aside=0.025), beside=0.03)
+    assert found["inserted"] == 1.0
 
 
 def test_a_seat_without_a_success_is_none():

@@ -16,8 +16,8 @@ INSERTION_METRICS: dict[str, Metric] = {
     "first_contact_s": Metric("s", "when the peg first touches the bore", "first t with a true force above 0.05 N"),
     "seated_after_s": Metric(
         "s",
-        "from then until the peg stays at the depth of its seat, up to the success",
-        "first t from which the depth stays at the seat, minus t of first contact",
+        "from then until the peg stays at the depth of its seat, in the bore, up to the success",
+        "first t from which the depth stays at the seat and the tip near the axis, minus t of first contact",
     ),
     "finished_after_s": Metric(
         "s", "from then until the state machine ends in a success", "t of the success minus t of first contact"
