@@ -156,8 +156,8 @@ class CompliantReferences(SampledBlock):
     mode: shape (1,), number of the mode from 0 on [1]. One that there is none of keeps the last; 0 when not connected.
     task_position_reference, task_velocity_reference, task_acceleration_reference: shape (k,), x~ at the next tick [u,
     u/s, u/s^2].
-    task_target: shape (k,), where the coordinates go to [u]; where they have no target, comply or swing, the commanded
-    motion.
+    task_target: shape (k,), where the coordinates go to, and what they give way on it [u]; where they have no target or
+    swing, the commanded motion.
     task_displacement: shape (k,), dx at the next tick [u], since the mode began; 0 where nothing complies.
     task_force_ok: shape (k,), 0 in coordinates that comply to a force that is not a number, else 1 [1].
     All outputs are feedthrough of all inputs at the tick, and held.
@@ -274,11 +274,11 @@ class CompliantReferences(SampledBlock):
         if largest(rest):
             goal = np.where(rest & (state.arrived > 0.5), reference[0], goal)
         reference += (dx, after, (after - dv) / Ts)
-        fixed = ~(mode.comply | np.isnan(goal))
+        aims = np.where(np.isnan(goal) | mode.stays & mode.comply, commanded[0], goal + np.where(mode.comply, dx, 0.0))
         if mode.swings:
             swing = np.zeros_like(swing)
         for each in mode.swings:
-            fixed[each.row] = False
+            aims[each.row] = commanded[0][each.row]
             if ok[each.row]:
                 swing[:, each.row] = each.at((ticks.item(each.row) + 1.0) * Ts)
                 reference[:, each.row] += swing[:, each.row]
@@ -292,7 +292,7 @@ class CompliantReferences(SampledBlock):
             "force": force,
             "goal": goal,
             **dict(zip(_REFERENCES, reference, strict=True)),
-            "task_target": np.where(fixed, goal, commanded[0]),
+            "task_target": aims,
             "task_displacement": dx,
             "task_force_ok": ok.astype(float),
         }

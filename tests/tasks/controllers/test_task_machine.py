@@ -11,6 +11,7 @@ import pytest
 import forcectl as fc
 from forcectl.errors import BadInputError
 from forcectl.framework.yaml_tree import parse
+from forcectl.tasks.controllers.task_machine import TaskMachine
 from forcectl.testing.runs import Log, run_diagram
 from tests.examples.task_machines import LOWER, MODES, config, model, task_machine
 
@@ -29,7 +30,7 @@ estimators: {force: !ForceEstimator {}}
 """
 
 
-def run(duration: float = 0.8, **inputs: Any) -> Log:
+def run(duration: float = 0.8, machine: TaskMachine | None = None, **inputs: Any) -> Log:
     def wrench(t: float) -> np.ndarray:
         return 3.0 * (np.arange(12) == RIGHT_FORCE_Z) * (t > MET - TICK / 2)
 
@@ -37,7 +38,7 @@ def run(duration: float = 0.8, **inputs: Any) -> Log:
         return model().start + 1e-4 * np.sin(30.0 * t)
 
     given = {"joint_position": reading, "estimated_wrench": wrench, "gripper_holds": [1.0, 1.0]}
-    return run_diagram(task_machine(), duration, period=TICK, inputs=given | inputs)
+    return run_diagram(machine or task_machine(), duration, period=TICK, inputs=given | inputs)
 
 
 def way(log: Log) -> list[str]:
@@ -110,6 +111,17 @@ def test_a_force_band_reads_the_force_along_its_own_task() -> None:
     speeds = np.diff(heights) / TICK
     assert speeds[0] < -0.03  # it came down
     assert np.diff(speeds)[-10:] / TICK == pytest.approx(0.03, rel=0.05)
+
+
+def test_what_gives_way_on_the_way_to_a_place_has_not_reached_it_at_once() -> None:
+    said = "exits: [{when: time > 0.05, to: lower}]\n      timeout: 0.2"
+    goes = "references: {touch: {z: {by: -0.03, comply: true}}}\n      exits: [{when: reached > 0.5, to: lower}]"
+    assert said in LOWER
+    machine = task_machine(LOWER.replace(said, f"{goes}\n      timeout: 0.6"))
+    log = run(machine=machine, estimated_wrench=np.zeros(12))
+    begun = int(np.flatnonzero(log["mode"][:, 0])[0])
+    assert MODES[int(log["mode"][begun, 0])] == "lower"
+    assert log["task_position"][begun, 2] - log["task_position"][0, 2] == pytest.approx(-0.03, abs=6e-4)
 
 
 @pytest.mark.parametrize(
