@@ -30,6 +30,8 @@ _AGAIN = 2.0  # [s] within which a joint that sticks does so again and again
 _NEAR = 1e-3  # [m or rad] from a target, which then counts as reached
 _JUST_GIVEN = 0.1  # [s] before the end of the run, when a target that is given cannot be reached
 _POSE = 6  # coordinates
+_HELD_BACK = 0.1  # [s] before a failure, throughout which a constraint that holds with equality is worth a word
+_ROUNDING = 1e-9  # [s]
 _SHOWN = 3  # joints with poor readings that are named
 
 
@@ -184,6 +186,9 @@ def _machine(log: Any, way: list[Any]) -> Iterator[RunFinding]:
         before = f" after '{way[-2].mode}'" if len(way) > 1 else ""
         reason = f": {last.reason}" if last.reason else ""
         text = f"the state machine ended in the failure '{last.mode}'{before}, at {last.begin:.3f} s{reason}"
+        just = (log["time"].values > last.begin - _HELD_BACK) & (log["time"].values < last.begin - _ROUNDING)
+        if "active_constraints" in log and just.any() and (log["active_constraints"].values[just] > 0).all():
+            text += "; limits or constraints, such as the distance of links, held the motion back before"
         yield finding("machine_failed", text, last.begin)
     elif last.kind == 0:
         text = f"the run ended at {last.end:.3f} s in the mode '{last.mode}', before the state machine"

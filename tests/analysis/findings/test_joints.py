@@ -234,7 +234,14 @@ def test_a_machine_that_fails_or_does_not_end_is_told(end: float, kinds: list[st
     found = list(task_findings(log, ARM))
     assert [one.kind for one in found] == kinds
     if end == 2.0:
-        assert found[0].text == "the state machine ended in the failure 'lost' after 'lower', at 1.200 s: no part"
+        told = "the state machine ended in the failure 'lost' after 'lower', at 1.200 s: no part"
+        assert found[0].text == told
+        for begin, held_back in ((1.15, False), (1.05, True)):
+            log["active_constraints"] = ("time", (begin < TIME) & (TIME < 1.2))
+            (one,) = task_findings(log, ARM)
+            assert one.text == told + held_back * (
+                "; limits or constraints, such as the distance of links, held the motion back before"
+            )
 
 
 def test_every_kind_is_provoked_here_or_in_the_tests_of_force_loops() -> None:
