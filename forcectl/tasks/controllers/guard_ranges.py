@@ -40,9 +40,11 @@ def check_no_single_value(place: str, exits: Sequence[ExitConfig]) -> None:
 
 
 def wrench_ranges(model: PlantModel, tasks: Mapping[str, ArmTask]) -> tuple[Ranges, str]:
-    """Ranges of the wrenches on the tasks, `touch_force.torque_x`, and why, see `check_able`."""
+    """Ranges of the wrenches on the tasks, `touch_force.torque_x`, of the torques elsewhere, and why: `check_able`."""
     torque, force = _MORE * _largest_wrench(model)
-    found: Ranges = {}
+    arms = [*model.known_robot().parts.arms]
+    elsewhere = ["torque_elsewhere" + f".{arm}" * (len(arms) > 1) for arm in arms]
+    found: Ranges = dict.fromkeys(elsewhere, (-torque, torque))
     for name, task in tasks.items():
         about = torque + force * _lever(task)
         each = {part: force if part.startswith("force") else about for part in WRENCH_PARTS}

@@ -216,6 +216,8 @@ def _check_reference(
         raise invalid(f"{key}.position", said.position, f"from {low:.3g} to {high:.3g}: {_BEYOND_ARMS}")
     if said.by is not None and not abs(said.by) <= high - low:
         raise invalid(f"{key}.by", said.by, f"at most {high - low:.3g} in size: {_BEYOND_ARMS}")
+    if said.swing is not None and not said.swing.amplitude <= high - low:
+        raise invalid(f"{key}.swing.amplitude", said.swing.amplitude, f"at most {high - low:.3g}: {_BEYOND_ARMS}")
     over = said.damping_over
     low, high = (-np.inf, np.inf) if over is None else space.get(over.coordinate, (-np.inf, np.inf))
     for i, value in enumerate([] if over is None else over.at):

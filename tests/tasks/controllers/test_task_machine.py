@@ -147,6 +147,10 @@ def test_what_goes_wrong_ends_in_a_mode_of_its_own(inputs: dict[str, Any], last:
         (("touch_force.force_z", "touch_force.forcez"), "did you mean 'touch_force.force_z'?"),
         (("touch.speed_z", "tuch.speed_z"), "modes.lower.exits.0.when: unknown signal 'tuch.speed_z'"),
         (("z: {velocity: -0.05}", "phi: {velocity: -0.05}"), "modes.lower.references.touch.phi: unknown coordinate"),
+        (
+            ("{velocity: -0.05}", "{velocity: -0.05, swing: {frequency: 1, amplitude: 5}}"),
+            "swing.amplitude = 5.0: must be at",
+        ),
         (("references: {touch: {z: {by", "references: {tuch: {z: {by"), "modes.press.references.tuch: unknown task"),
         (("    hold: !Arm", "    touch_force: !Arm"), "in guards 'touch_force' is the force on 'touch'"),
         (("    hold: !Arm", "    stalled: !Arm"), "tasks.stalled: must be called otherwise: in guards"),
