@@ -123,9 +123,12 @@ def rise_time(time: Signal, force: Signal, step: Step) -> float | None:
 
 
 def settling_time(time: Signal, force: Signal, step: Step, band: float) -> float | None:
-    """Last time [s] outside +-`band` of the target (of the height, for a target of zero); None if still outside."""
+    """Last time [s] outside +-`band` of the target (of the height, for a target of zero); None if still outside.
+
+    A reading that is no number is outside.
+    """
     width = band * (abs(step.target) or abs(step.size))
-    outside = np.flatnonzero(np.abs(force[step.first : step.end] - step.target) > width)
+    outside = np.flatnonzero(~(np.abs(force[step.first : step.end] - step.target) <= width))
     if outside.size == 0:
         return 0.0
     last = int(outside[-1])
@@ -194,11 +197,16 @@ def step_metrics(
         "rise_time_s": rise_time(time, force, step),
         "time_to_90pct_s": time_to_share(time, force, step, 0.9),
         "largest_drop_N": largest_drop(force, step),
-        "touches_2pct": float(touches(force, step, 0.02)),
     }
-    if model is not None:
-        error = force - model
-        part = error[step.first : step.end]
+    if np.isfinite(force[step.first : step.end]).all():
+        result["touches_2pct"] = float(touches(force, step, 0.02))
+    if model is None:
+        return result
+    ours, wanted = time_to_share(time, force, step, 0.05), time_to_share(time, model, step, 0.05)
+    result["lag_behind_model_5pct_s"] = None if ours is None or wanted is None else ours - wanted
+    error = force - model
+    part = error[step.first : step.end]
+    if np.isfinite(part).all():
         furthest, highest = int(np.argmax(np.abs(part))), int(np.argmax(part))
         result |= {
             "max_abs_model_error_N": float(abs(part[furthest])),
@@ -207,8 +215,6 @@ def step_metrics(
             "time_of_max_positive_model_error_s": float(time[step.first + highest] - step.time),
             "model_error_sd_N": model_error_sd(time, error, step, window),
         }
-        ours, wanted = time_to_share(time, force, step, 0.05), time_to_share(time, model, step, 0.05)
-        result["lag_behind_model_5pct_s"] = None if ours is None or wanted is None else ours - wanted
     return result
 
 
@@ -241,10 +247,10 @@ def motion_metrics(
     steps = find_steps(time[before], desired[before], initial)
     if steps:
         result["settling_time_2pct_before_motion_s"] = settling_time(time, force, steps[-1], _MOTION_BAND)
-    if last - first < 2:
+    error, moving = force - desired, slice(first, last)
+    if last - first < 2 or not np.isfinite(error[moving]).all():
         return result
-    error = force - desired
-    within, moving = np.abs(error) <= _MOTION_BAND * np.abs(desired), slice(first, last)
+    within = np.abs(error) <= _MOTION_BAND * np.abs(desired)
     highest = first + int(np.argmax(error[moving]))
     back = np.flatnonzero(within[highest:])
     # An excursion ends at the next sample within the band, or with the motion.

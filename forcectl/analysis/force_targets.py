@@ -62,7 +62,7 @@ def _forces(log: Any, metric: str, range_: Range, motion: tuple[float, float] | 
     """Time [s] and forces [N] of a metric that is a force; nothing of another one."""
     time = log["time"].values
     if metric in _PEAKS:
-        yield float(time[int(np.nanargmax(log[_PEAKS[metric]].values))]), range_
+        yield float(time[_highest(log[_PEAKS[metric]].values)]), range_
     elif metric == _IN_MOTION and motion is not None:
         yield sum(motion) / 2, range_
     else:
@@ -76,11 +76,16 @@ def _forces(log: Any, metric: str, range_: Range, motion: tuple[float, float] | 
         yield from _of_step(time, force, steps[place - 1 if place else -1], name.removeprefix("true_"), range_)
 
 
+def _highest(force: Any) -> int:
+    """Its largest sample, without those that are no numbers; the first one where all are."""
+    return int(np.argmax(np.fmax(force, -np.inf)))
+
+
 def _of_step(time: Any, force: Any, step: Step, name: str, range_: Range) -> Iterator[tuple[float, Range]]:
     sign = 1.0 if step.size >= 0 else -1.0
     unit = {"overshoot_N": sign, "overshoot_pct": sign * (abs(step.target) or abs(step.size)) / 100}
     if name in unit:
-        when = step.first + int(np.nanargmax(sign * force[step.first : step.end]))
+        when = step.first + _highest(sign * force[step.first : step.end])
         forces: Range = tuple(None if value is None else step.target + unit[name] * value for value in range_)
     elif name == "steady_state_error_N":
         when, sign = step.end - 1, -1.0

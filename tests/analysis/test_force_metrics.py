@@ -330,7 +330,21 @@ def test_a_reading_that_is_no_number_makes_no_number(value):
     desired, force = np.full(len(t), 10.0), 10.0 * (1 - np.exp(-5 * t))
     log = signals(t, desired, force, model_force=force) | {"contact_force": force}
     sound = m.metrics_of(log)
-    found = m.metrics_of(log | {"measured_force": np.where(t < 1.0, force, value)})
+    found = m.metrics_of(log | {"measured_force": np.where(t < 1.0, force, value)}, motion=(0.5, 1.5))
     assert all(each is None or math.isfinite(each) for each in found.values())
     assert found["peak_measured_force_N"] is found["run_model_error_sd_N"] is found["overshoot_N"] is None
     assert found["peak_force_N"] == sound["peak_force_N"]
+    # What came before is known; that the force settled, touched once, or was furthest off somewhere, is not.
+    assert found["rise_time_s"] == sound["rise_time_s"]
+    unknown = {*m.MOTION_METRICS, "settling_time_5pct_s", "settling_time_2pct_s", "touches_2pct"}
+    unknown |= {name for name in found if name.endswith("model_error_s")}
+    assert {found[name] for name in unknown - {"settling_time_2pct_before_motion_s"}} == {None}
+    assert found["true_settling_time_2pct_s"] == sound["settling_time_2pct_s"]
+
+
+def test_one_reading_that_is_no_number_is_outside_of_every_band():
+    t = np.arange(0.0, 2.0, 0.002)
+    force = 10.0 * (1 - np.exp(-5 * t))
+    found = m.metrics_of(signals(t, np.full(len(t), 10.0), np.where(t == t[700], np.nan, force)))
+    assert found["settling_time_2pct_s"] == pytest.approx(1.4)
+    assert found["touches_2pct"] is None

@@ -49,3 +49,10 @@ def test_an_expectation_says_what_it_allows_of_its_metric_alone():
     assert Expectation(**both, fidelities=["Kinematic"]).allowed("Multibody") is None
     other = Term(metric="peak_force_N", variant="b")
     assert Expectation(target="t", metric="peak_force_N", maximum=1.0, minus=other).allowed("Multibody") is None
+
+
+@pytest.mark.parametrize("metric", ["peak_measured_force_N", "overshoot_N"])
+def test_of_a_sensor_that_shows_no_number_the_first_sample_is_marked(metric: str) -> None:
+    silent = log().assign(measured_force=("time", np.full(len(TIME), np.nan)))
+    (one,) = force_targets({"a": silent}, [Allowed(metric, "a", None, 2.0, None)], "", None)
+    assert one.time == {"peak_measured_force_N": 0.0, "overshoot_N": 2.0}[metric]

@@ -60,11 +60,12 @@ def _maximum(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         return
     beyond = log.true > config.largest_force
     if beyond.any():
-        peak = int(np.argmax(log.true))
+        peak, readings = int(np.argmax(log.true)), log.measured[~np.isnan(log.measured)]
+        shown = f"{readings.max():.4g} N at most" if readings.size else "no number"
         yield finding(
             "force_too_high",
             f"the true force is above {config.largest_force:.4g} N for {spent(log.time, beyond):.3g} s, up to "
-            f"{log.true[peak]:.4g} N at {log.time[peak]:.3f} s; the sensor shows {log.measured.max():.4g} N at most",
+            f"{log.true[peak]:.4g} N at {log.time[peak]:.3f} s; the sensor shows {shown}",
             first_time(log, beyond),
         )
 

@@ -38,10 +38,14 @@ def reading_findings(
         limit: range of the sensor [N]; what is beyond is not compared.
         filtered: whether the sensor has a filter that is slower than a tick.
     """
-    measured = np.where(np.isfinite(measured), measured, 0.0)
     if filtered:
-        yield from _repeated(time, measured)
+        yield from _repeated(time, _finite(measured))
     yield from _off(time, measured, true, limit)
+
+
+def _finite(measured: Signal) -> Signal:
+    """The readings, with zero for those that are no numbers."""
+    return np.where(np.isfinite(measured), measured, 0.0)
 
 
 def _repeated(time: Signal, measured: Signal) -> Iterator[RunFinding]:
@@ -66,12 +70,13 @@ def _off(time: Signal, measured: Signal, true: Signal, limit: float) -> Iterator
         return
     count = len(time) // _AT_REST
     shown, real = (signal[: count * _AT_REST].reshape(count, _AT_REST) for signal in (measured, true))
-    mean, seen = real.mean(axis=1), shown.mean(axis=1)
+    mean, seen = real.mean(axis=1), _finite(shown).mean(axis=1)
     rests = (np.ptp(real, axis=1) <= _RESTS * mean) & (mean >= _LEAST * true.max()) & (real.max(axis=1) < limit)
     wrong = rests & (np.abs(seen - mean) > _OFF * mean)
     # A filter or a delay shows for a while what was before.
     lasting = np.flatnonzero(np.convolve(wrong, np.ones(_LASTING), mode="valid") == _LASTING)
     if lasting.size:
         first, last = int(lasting[0]), int(lasting[-1]) + _LASTING - 1
-        text = f"the force sensor is off: it shows {seen[last]:.4g} N where the true force is {mean[last]:.4g} N"
+        says = f"{seen[last]:.4g} N" if np.isfinite(shown[last]).all() else "no number"
+        text = f"the force sensor is off: it shows {says} where the true force is {mean[last]:.4g} N"
         yield finding("sensor_off", text, float(time[first * _AT_REST]))

@@ -128,12 +128,13 @@ def next_state(state: float, force: float) -> float:
 
 def judged(true: Any, **changes: Any) -> list[RunFinding]:
     """Findings of a made-up true force under a reference of 10 N that the sensor shows as it is."""
+    config = FindingsConfig(largest_force=changes.pop("largest_force", None))
     flat = np.full_like(TIME, 10.0)
     log = {"desired": flat, "measured": true, "true": true, "command": None, "motors": {}, "closed": flat > 0}
     log |= {"regulated": flat > 0, "moves": flat < 0, "sliding": flat < 0, "displacement": None}
     log["contact"] = np.fromiter(accumulate(true[:-1], next_state, initial=ContactMode.APPROACH), float)
     log |= {"time": TIME, "compliance": 1e-4, **changes}
-    return list(force_findings(Pressing(**log), [100.0], FindingsConfig()))
+    return list(force_findings(Pressing(**log), [100.0], config))
 
 
 def test_a_limit_cycle_is_told_with_its_amplitude_and_period() -> None:
@@ -221,6 +222,13 @@ def test_losses_of_contact_count_while_a_force_is_wanted() -> None:
     assert judged(np.where(TIME < 0.1, 0.1, np.where(TIME < 0.3, 0.0, 10.0))) == []
     # A spring that pulls loses nothing.
     assert judged(np.where(gone, -1.0, 10.0)) == []
+
+
+def test_the_largest_force_beside_what_the_sensor_shows_of_it() -> None:
+    high = np.full_like(TIME, 10.0)
+    for measured, shown in ((high, "10 N at most"), (np.full_like(TIME, np.nan), "no number")):
+        one = next(one for one in judged(high, measured=measured, largest_force=9.0) if one.kind == "force_too_high")
+        assert one.text.endswith(f"the sensor shows {shown}")
 
 
 def test_a_command_is_saturated_only_where_more_of_it_would_help() -> None:
