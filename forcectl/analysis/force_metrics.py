@@ -333,7 +333,7 @@ def metrics_of(
     result |= {
         "peak_force_N": float(contact.max()),
         "peak_measured_force_N": float(force.max()),
-        "contact_loss_s": contact_loss(time, contact > 0),
+        "contact_loss_s": contact_loss(time, contact != 0),  # a contact that pulls is not lost
         "run_model_error_sd_N": float(np.std(force - model)) if model is not None else None,
         "run_max_abs_model_error_N": float(np.abs(force - model).max()) if model is not None else None,
         "control_effort_m": float(np.sum(np.abs(np.diff(command)))) if command is not None else None,

@@ -226,6 +226,14 @@ def test_contact_loss_counts_only_after_the_first_contact():
     assert m.contact_loss(t, touching) == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize(("lowest", "lost"), [(-3.0, 0.0), (0.0, 0.2)])
+def test_a_surface_that_pulls_is_not_lost(lowest, lost):
+    t = DT * np.arange(1000)
+    force = np.where((t > 1.0) & (t < 1.201), lowest, 10.0)
+    values = m.metrics_of(signals(t, np.full_like(t, 10.0), force) | {"contact_force": force})
+    assert values["contact_loss_s"] == pytest.approx(lost)
+
+
 def test_peak_force_is_of_the_true_force_and_effort_is_the_path_length():
     t, desired, force = first_order(2.0, 10.0)
     truth = force + 3 * np.exp(-(((t - 1) / 0.05) ** 2))
