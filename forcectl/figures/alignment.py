@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS, stacked
+from forcectl.figures.force import COLOURS, legend_above, stacked
 
 Array = NDArray[np.float64]
 
@@ -31,5 +31,5 @@ def alignment_figure(curves: Mapping[str, tuple[Array, Array, Array]], angle: fl
     for axes, label in zip(rows, ("angle [rad]", "speed [rad/s]", "torque [Nm]"), strict=True):
         axes.set_ylabel(label)
     rows[-1].set_xlabel("time [s]; dotted: the hole")
-    rows[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2)
+    legend_above(rows[0], 2)
     return figure

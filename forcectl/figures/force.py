@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
 from forcectl.figures.targets import ForceTarget, draw_bands, draw_targets
 
@@ -229,8 +230,26 @@ def _finish(figure: Figure, axes: Axes, log: Any) -> None:
         width, height = figure.get_size_inches()
         figure.set_size_inches(width + 2.2, height)
         legend = figure.legend(handles, labels, frameon=False, fontsize=9, loc="outside right upper")
+    plain_names(legend)
+
+
+def legend_above(axes: Axes, columns: int, size: float = 8.0) -> None:
+    """A legend above the axes, if any of its curves has a name.
+
+    Args:
+        axes: with their curves.
+        columns: of names.
+        size: of the letters [pt].
+    """
+    if axes.get_legend_handles_labels()[1]:
+        look: dict[str, Any] = {"frameon": False, "fontsize": size, "loc": "lower left", "columnspacing": 1.0}
+        plain_names(axes.legend(bbox_to_anchor=(0.0, 1.0), ncol=columns, **look))
+
+
+def plain_names(legend: Legend) -> None:
+    """Show names as they are: two dollar signs make no formula of what is between them."""
     for text in legend.get_texts():
-        text.set_parse_math(False)  # names are names, with or without dollar signs
+        text.set_parse_math(False)
 
 
 def _seen_through(dashes: Any, values: Any, drawn: list[Any]) -> Any:

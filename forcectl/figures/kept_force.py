@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS, stacked
+from forcectl.figures.force import COLOURS, legend_above, stacked
 
 Array = NDArray[np.float64]
 
@@ -33,6 +33,5 @@ def kept_force_figure(
     for axes, label in zip(rows, ("force [N]", "torque [Nm]", "angle [rad]"), strict=True):
         axes.set_ylabel(label)
     rows[-1].set_xlabel("time from the beginning of the rotation [s]; dotted: the band of the first variant")
-    if any(runs):
-        rows[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2)
+    legend_above(rows[0], 2)
     return figure

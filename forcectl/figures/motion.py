@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from forcectl.figures.file_names import file_names
-from forcectl.figures.force import COLOURS, NOTHING, Found, mark_findings, stacked
+from forcectl.figures.force import COLOURS, NOTHING, Found, legend_above, mark_findings, stacked
 
 _LOCAL = "estimated_local_wrench"
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2))}
@@ -64,7 +64,7 @@ def speed_figure(log: Any, title: str = "") -> Figure:
         for k, joint in enumerate(joints[i * each : (i + 1) * each]):
             axes.plot(log["time"], log["link_velocity"].sel(joint=joint), color=_colour(k), lw=1.2, label=joint)
         axes.set_ylabel(f"{arm}: joint speed [rad/s]")
-        axes.legend(frameon=False, fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=7, columnspacing=1.0)
+        legend_above(axes, 7, 7.0)
     return figure
 
 
@@ -86,7 +86,7 @@ def force_figure(log: Any, title: str = "") -> Figure:
                 for k, (part, values) in enumerate(shown.items()):
                     axes.plot(log["time"], values, color=_colour(k), label=f"{part}, {word}", **look)
         axes.set_ylabel(f"{arm}: force [N]")
-        axes.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=6)
+        legend_above(axes, 6)
     return figure
 
 

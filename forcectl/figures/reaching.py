@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS, stacked
+from forcectl.figures.force import COLOURS, legend_above, stacked
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ def reach_figure(log: Any, distance: Array, every: int, title: str = "") -> Figu
             rows[i].plot(time, place[:, i, k], color=COLOURS[k], lw=1.4, label=axis)
             rows[i].step(time, target[:, i, k], color=COLOURS[k], lw=0.9, ls=(0, (4, 2)), where="post")
         rows[i].set_ylabel(f"{arm}: TCP [m]")
-        rows[i].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=3)
+        legend_above(rows[i], 3)
     rows[-2].plot(time[::every], 1e3 * distance, color=COLOURS[0], lw=1.4)
     rows[-2].set_ylabel("least distance [mm]")
     rows[-2].set_ylim(0.0, 60.0)
@@ -53,5 +53,5 @@ def null_space_figure(
     labels = "joint speeds [rad/s]", "room to limits [deg]", "least distance [mm]", "reflected mass [kg]"
     for axes, label in zip(rows, labels, strict=True):
         axes.set_ylabel(label)
-    rows[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=4)
+    legend_above(rows[0], 4)
     return figure

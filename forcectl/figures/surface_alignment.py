@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS, stacked
+from forcectl.figures.force import COLOURS, legend_above, stacked
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,5 @@ def surface_alignment_figure(
         axes.axvline(wanted[1], color="0.4", lw=0.9, ls=(0, (2, 2)))
         axes.set_ylabel(label)
     rows[-1].set_xlabel("time [s]; dotted: largest torque and time of the alignment")
-    if any(runs):
-        rows[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2)
+    legend_above(rows[0], 2)
     return figure

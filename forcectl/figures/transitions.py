@@ -50,6 +50,6 @@ def transition_figure(runs: Mapping[str, Sequence[Any]], modes: Sequence[str], t
         axes.set_yticks(range(len(entered)), entered)
         axes.set_ylim(len(entered) - 0.5, -0.5)
         if name:
-            axes.set_title(name, fontsize=9, loc="left")
+            axes.set_title(name, fontsize=9, loc="left", parse_math=False)
     rows[-1].set_xlabel("time [s]; numbers: value that caused the transition")
     return figure

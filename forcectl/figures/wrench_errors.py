@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS, frame
+from forcectl.figures.force import COLOURS, frame, plain_names
 
 Array = NDArray[np.float64]
 
@@ -37,9 +37,6 @@ def error_figure(errors: Mapping[str, Mapping[str, Array]], title: str = "") -> 
         frame(axes)
     panels[0].set_ylabel("share of the time [%]; line: 95 %")
     if len(errors) > 1:
-        legend = figure.legend(
-            *panels[0].get_legend_handles_labels(), frameon=False, fontsize=8, loc="outside right upper"
-        )
-        for text in legend.get_texts():
-            text.set_parse_math(False)  # names are names, with or without dollar signs
+        entries = panels[0].get_legend_handles_labels()
+        plain_names(figure.legend(*entries, frameon=False, fontsize=8, loc="outside right upper"))
     return figure
