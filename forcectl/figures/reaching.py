@@ -27,12 +27,12 @@ def reach_figure(log: Any, distance: Array, every: int, title: str = "") -> Figu
         legend_above(rows[i], 3)
     rows[-2].plot(time[::every], 1e3 * distance, color=COLOURS[0], lw=1.4)
     rows[-2].set_ylabel("least distance [mm]")
-    rows[-2].set_ylim(0.0, 60.0)
+    rows[-2].set_ylim(bottom=min(0.0, rows[-2].get_ylim()[0]))
     rows[-1].plot(time, np.linalg.norm(log["joint_velocity_command"].values, axis=1), color=COLOURS[0], lw=1.4)
     rows[-1].set_ylabel("joint speeds [rad/s]")
     binds = log["active_constraints"].values.ravel() > 0
     rows[-1].fill_between(time, 0.0, 1.0, where=binds, transform=rows[-1].get_xaxis_transform(), color="0.9", lw=0)
-    rows[-1].set_xlabel("time [s]; grey: a constraint binds")
+    rows[-1].set_xlabel("time [s]; dashed: targets, grey: a constraint binds")
     return figure
 
 
