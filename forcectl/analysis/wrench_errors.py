@@ -129,8 +129,8 @@ class WrenchErrorAnalysis(Config):
             since, size = time[load] - time[load.start], np.linalg.norm(true[load], axis=1)
             along = np.sum((estimated[load] - estimated[load.start - 1]) * true[load], axis=1) / size
             for name, (after, share) in _FELT.items():
-                if since[-1] >= after:
-                    at = np.searchsorted(since, after - 1e-9)
+                at = np.searchsorted(since, after - 1e-9)
+                if at < len(since):
                     felt[name].append(100.0 * float(along[at] >= share * size[at]))
             above = np.flatnonzero(along > self.threshold)
             delays.append(float(1e3 * since[above[0]]) if len(above) else np.inf)

@@ -53,6 +53,12 @@ def test_a_load_is_felt_after_a_while_beyond_what_was_there_before():
     assert judged(tip_wrench=true, estimated_wrench=0.0 * true)["loads_missed"] == 2.0
 
 
+def test_loads_that_last_just_as_long_count_whenever_they_begin():
+    loads = sum(wrench([0, 0, 3.0], begin, begin + 0.2 + TICK / 2) for begin in TICK * np.arange(100, 900, 97))
+    found = judged(tip_wrench=loads, estimated_wrench=loads * (np.arange(COUNT) < 460)[:, None])
+    assert found["felt_after_52_ms_pct"] == found["felt_after_200_ms_pct"] == pytest.approx(100 * 4 / 9)
+
+
 def test_local_wrenches_are_held_against_the_truth_in_the_axes_of_the_tool():
     true = wrench([1.0, 2.0, 3.0], 0.0, 4.1)
     context = model().robot.create_context()
