@@ -11,7 +11,7 @@ from forcectl.errors import invalid
 from forcectl.inspect.delay import ends_of_way
 from forcectl.inspect.events import read_timing
 from forcectl.inspect.ports import PortName
-from forcectl.inspect.schedule import clean
+from forcectl.inspect.schedule import clean, instants
 from forcectl.inspect.start import StartValues, fix_open_inputs
 from forcectl.inspect.ways import Hops
 from forcectl.inspect.wiring import Wiring, is_vector
@@ -82,9 +82,9 @@ def measure_delay(
         runs.append(Simulator(system, own))
         # A context that has already run must not go through the initialisation events once more.
         runs[-1].Initialize(InitializeParams(suppress_initialization_events=own.get_time() > 0))
-        begin = own.get_time() + start
+        times = instants(own.get_time() + start, tick, round(longest / tick) + 1)
         if start > 0:
-            runs[-1].AdvanceTo(begin)
+            runs[-1].AdvanceTo(times[0])
     for run, step in zip(runs, (0.0, np.asarray(amplitude)), strict=True):
         for reader in first.readers:
             block, port = wiring.systems[reader.system], wiring.port(reader)
@@ -93,10 +93,10 @@ def measure_delay(
             port.FixValue(here, value + step)
     contexts = [wiring.systems[end.system].GetMyContextFromRoot(run.get_context()) for run in runs]
     largest = 0.0
-    for k in range(round(longest / tick) + 1):
+    for k, time in enumerate(times):
         if k > 0:  # at k = 0 AdvanceTo would already carry out the updates of this instant
             for run in runs:
-                run.AdvanceTo(begin + k * tick)
+                run.AdvanceTo(time)
         values = np.array([watched.Eval(each) for each in contexts])
         largest = max(largest, np.abs(values[np.isfinite(values)]).max(initial=0.0))
         if np.any(np.abs(np.diff(values, axis=0)) > (_ROUNDING * largest if threshold is None else threshold)):

@@ -96,6 +96,17 @@ def next_tick(event: PeriodicEvent, time: float, rank: int) -> float:
     return event.offset + max(k, 0) * event.period
 
 
+def instants(start: float, period: float, count: int) -> list[float]:
+    """`count` instants from `start` on, a period apart [s].
+
+    Multiples of the period where the first one is, as the ticks of blocks are: a sum of floating-point numbers that is
+    the least bit above a multiple would be an instant after the updates of that tick.
+    """
+    first = start / period
+    whole = abs(first - round(first)) < 1e-6
+    return [(round(first) + k) * period if whole else start + k * period for k in range(count)]
+
+
 def clean(seconds: float) -> float:
     """A sum of periods as it would be written: 0.006, not 0.006000000000000002."""
     return float(f"{seconds:.9g}") if abs(seconds) > 1e-12 else 0.0

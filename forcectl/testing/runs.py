@@ -16,6 +16,7 @@ from pydrake.systems.framework import Context, InputPort, OutputPort, System
 from forcectl.errors import BadInputError, RunFailedError, invalid, unknown
 from forcectl.inspect.names import own_name, said_type
 from forcectl.inspect.ports import one_output, optional_inputs, unit
+from forcectl.inspect.schedule import instants
 from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
 from forcectl.testing.faults import Fault, FaultyPorts
 
@@ -103,7 +104,7 @@ def run_diagram(
     start = own.get_time()
     simulator, context = _simulator(system, own, period, accuracy, begun=start > 0), own
     steps = round(duration / period)
-    time = start + period * np.arange(steps + 1)
+    time = np.array(instants(start, period, steps + 1))
     values: dict[str, list[Array]] = {name: [] for name in (*ports, *["energy"] * energy)}
     with _in_words(lambda: simulator.get_context().get_time()):
         for k in range(steps + 1):

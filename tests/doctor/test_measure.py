@@ -26,6 +26,18 @@ def test_a_hold_takes_its_period_whenever_the_step_comes(start):
     assert measure_delay(ZeroOrderHold(0.01, 1), "u", "y", tick=0.01, start=start) == 0.01
 
 
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.1])
+def test_two_holds_take_two_periods_whatever_multiple_of_it_the_step_comes_at(period):
+    builder = DiagramBuilder()
+    first, second = (builder.AddNamedSystem(name, ZeroOrderHold(period, 1)) for name in ("first", "second"))
+    builder.Connect(first.get_output_port(), second.get_input_port())
+    builder.ExportInput(first.get_input_port(), "u")
+    builder.ExportOutput(second.get_output_port(), "y")
+    diagram = builder.Build()
+    starts = [k * period for k in range(15)] + [12 * period + period, 0.7 + period]
+    assert {measure_delay(diagram, "u", "y", tick=period, start=start) for start in starts} == {2 * period}
+
+
 def test_between_ticks_of_a_slow_block_the_input_waits():
     assert measure_delay(ZeroOrderHold(0.01, 1), "u", "y", tick=0.001) == 0.001
     assert measure_delay(ZeroOrderHold(0.01, 1), "u", "y", tick=0.001, start=0.004) == 0.007

@@ -35,6 +35,16 @@ def test_a_run_may_go_on_from_a_context():
     np.testing.assert_allclose(log["y0"][:, 0], [1.0, 1.5, 2.0])
 
 
+def test_a_run_that_goes_on_reads_before_the_updates_as_well():
+    system = ZeroOrderHold(0.002, 1)
+    whole = run_diagram(system, 0.2, period=0.002, inputs={"u": lambda t: t + 1})
+    for ticks in range(1, 30):
+        context = system.CreateDefaultContext()
+        run_diagram(system, 0.002 * ticks, period=0.002, inputs={"u": lambda t: t + 1}, context=context)
+        log = run_diagram(system, 0.08, period=0.002, inputs={"u": lambda t: t + 1}, context=context)
+        np.testing.assert_array_equal(log["y"], whole["y"][ticks : ticks + 41])
+
+
 class HalfOpen(Adder):
     optional_inputs = ("u1",)
 
