@@ -8,6 +8,7 @@ from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Context, System
 
 from forcectl.errors import invalid
+from forcectl.framework.batch import check
 from forcectl.inspect.delay import ends_of_way
 from forcectl.inspect.events import read_timing
 from forcectl.inspect.ports import PortName
@@ -45,8 +46,8 @@ def measure_delay(
             output, what it is computed from is stepped.
         target: a vector output, likewise.
         tick: resolution [s], usually the control period.
-        amplitude: size of the step, unit of the source, of all elements or of each: a step of all joints alike may
-            leave the contact force as it is.
+        amplitude: size of the step, unit of the source, not zero, of all elements or of each: a step of all joints
+            alike may leave the contact force as it is.
         start: when the step comes, after the time of the context [s], a multiple of `tick`; matters where periods
             differ.
         longest: when to give up, after `start` [s].
@@ -60,10 +61,11 @@ def measure_delay(
     Raises:
         BadInputError: unknown port, abstract port, or a value out of range.
     """
-    if not tick > 0:
-        raise invalid("tick", tick, "positive [s]")
-    if not start >= 0:
-        raise invalid("start", start, "zero or positive [s]")
+    check("tick", tick, "positive")
+    for name, value in {"start": start, "longest": longest, "threshold": threshold or 0.0}.items():
+        check(name, value, "not negative")
+    if not (np.isfinite(amplitude).all() and np.any(amplitude)):
+        raise invalid("amplitude", amplitude, "finite numbers, not all zero: there is no step to measure with")
     wiring = Wiring(system)
     hops = Hops(wiring, read_timing(StartValues(wiring)).events)
     first, end = ends_of_way(hops, source, target)

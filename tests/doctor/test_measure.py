@@ -62,7 +62,12 @@ def test_no_answer_is_none():
     ("arguments", "message"),
     [
         ({"tick": 0.0}, "tick = 0.0: must be positive"),
-        ({"tick": 0.1, "start": -1.0}, "start = -1.0: must be zero or positive"),
+        ({"tick": 0.1, "start": -1.0}, "start = -1.0: must be not negative"),
+        ({"tick": 0.1, "longest": -1.0}, "longest = -1.0: must be not negative"),
+        ({"tick": 0.1, "threshold": -1.0}, "threshold = -1.0: must be not negative"),
+        ({"tick": np.inf}, "tick = inf: must be a finite number"),
+        ({"tick": 0.1, "amplitude": 0.0}, "amplitude = 0.0: must be finite numbers, not all zero"),
+        ({"tick": 0.1, "amplitude": np.nan}, "amplitude = nan: must be finite numbers, not all zero"),
         ({"tick": 0.1, "amplitude": [1.0, 2.0]}, "amplitude = .*: must be a number, or one for each of 1 elements"),
         ({"tick": 0.1, "source": "x"}, "unknown port 'x'"),
         ({"tick": 0.1, "target": "x"}, "unknown port 'x'"),
