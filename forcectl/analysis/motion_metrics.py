@@ -74,8 +74,8 @@ def reversals_at_rest(
     """The most reversals of one joint at rest within a second.
 
     A joint is at rest at a tick when its reference stayed within 2 mrad for 0.2 s until then. It reverses where its
-    acceleration has another sign than before, during one stay at rest; accelerations below 0.1 rad/s^2 have no sign. A
-    joint that stops reverses once at most.
+    acceleration has another sign than before, during one stay at rest; accelerations of at most 0.1 rad/s^2 have no
+    sign. A joint that stops reverses once at most.
 
     Args:
         position, speed: of the joints at every tick, (ticks, n) [rad, rad/s].

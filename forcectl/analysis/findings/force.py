@@ -9,7 +9,7 @@ import numpy as np
 
 from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.analysis.findings.holds import hold_findings, moving_findings
-from forcectl.analysis.findings.pressing import Pressing, first_time, lasts, spent, times
+from forcectl.analysis.findings.pressing import TOUCH, Pressing, first_time, lasts, spent, times
 from forcectl.analysis.findings.readings import reading_findings
 from forcectl.analysis.stretches import stretches
 from forcectl.estimation.environment import COMPLIANCE_BOUNDS
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from forcectl.analysis.findings.config import FindingsConfig
 
 _AT_RANGE = 0.999  # of the range, from where on a filtered reading is that of a saturated sensor
-_TOUCH = 0.02  # of the reference, above which a contact is made that can be lost
 _STANDS = 1e-12  # [m] by which a command that stands still may move
 
 
@@ -51,7 +50,7 @@ def _sensor(log: Pressing, ranges: list[float]) -> Iterator[RunFinding]:
     if beyond.any():
         text = f"the force sensor is saturated at {limit:.4g} N for {spent(log.time, beyond):.3g} s"
         yield finding(
-            "sensor_saturated", f"{text}: the true force is up to {log.true.max():.4g} N", first_time(log, beyond)
+            "sensor_saturated", f"{text}: the true force is up to {log.true.max():.4g} N", first_time(log.time, beyond)
         )
 
 
@@ -66,7 +65,7 @@ def _maximum(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
             "force_too_high",
             f"the true force is above {config.largest_force:.4g} N for {spent(log.time, beyond):.3g} s, up to "
             f"{log.true[peak]:.4g} N at {log.time[peak]:.3f} s; the sensor shows {shown}",
-            first_time(log, beyond),
+            first_time(log.time, beyond),
         )
 
 
@@ -76,7 +75,7 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         return
     if not (log.true > 0).any():
         text = f"no contact: up to {log.desired.max():.4g} N are wanted, and the tool never touches the surface"
-        yield finding("no_contact", text, first_time(log, wanted))
+        yield finding("no_contact", text, first_time(log.time, wanted))
         return
     if wanted[-1] and not log.regulated[-1]:
         text = "no contact to regulate: at the end of the run the force law is not in charge, and"
@@ -114,7 +113,7 @@ def _spans(log: Pressing, losses: list[slice]) -> list[float]:
 
 def _losses(log: Pressing) -> list[slice]:
     """Where the contact is lost; a light touch makes no contact that can be lost, and ends no loss."""
-    firm = log.true > _TOUCH * float(log.desired.max())
+    firm = log.true > TOUCH * float(log.desired.max())
     losses: list[slice] = []
     if log.contact is None:
         return losses

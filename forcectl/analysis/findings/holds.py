@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from forcectl.analysis.findings.finding import RunFinding, Severity, finding
-from forcectl.analysis.findings.pressing import Mask, Pressing, Signal, lasts, percent, times
+from forcectl.analysis.findings.pressing import TOUCH, Mask, Pressing, Signal, lasts, percent, times
 from forcectl.analysis.findings.swings import Swinging, rests, swinging, turning_points
 from forcectl.analysis.stretches import stretches
 
 if TYPE_CHECKING:
     from forcectl.analysis.findings.config import FindingsConfig
 
-_TOUCH = 0.02  # of the reference, above which a contact is made that can be lost
 _TAIL = 0.5  # of a hold of the reference, whose end is looked at
 _LONG = 1.0  # [s] of a hold in the course of a run, whose end is looked at
 _END = 0.1  # of a hold, over which the force is to be settled
@@ -146,7 +145,7 @@ def _disturbed(time: Signal, error: Signal, wanted: float, config: FindingsConfi
         for part in stretches(np.abs(error) <= config.settled_share * wanted)
         if lasts(time, part) >= config.saturated
     ]
-    if not calm or (error > (1 - _TOUCH) * wanted)[calm[0].stop :].any():  # a contact that is lost is told as such
+    if not calm or (error > (1 - TOUCH) * wanted)[calm[0].stop :].any():  # a contact that is lost is told as such
         return
     later = np.abs(error[calm[0].stop :])
     if later.max(initial=0.0) > _DISTURBED * wanted:

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.analysis.findings.guard import own_status
+from forcectl.analysis.findings.pressing import Mask, Signal, first_time
 from forcectl.analysis.findings.swings import rests
 from forcectl.analysis.motion_metrics import reversals_at_rest
 from forcectl.analysis.stretches import stretches
@@ -20,9 +20,6 @@ from forcectl.robot.model import JointLimits
 
 if TYPE_CHECKING:
     from forcectl.analysis.findings.config import FindingsConfig
-
-Signal = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _FEW = 3  # ticks at a limit of torque that are none worth a word
 _MOVES = 2e-3  # [rad/s] a command that is faster moves on
@@ -60,11 +57,11 @@ def joint_findings(log: Any, setting: Setting, config: FindingsConfig) -> Iterat
         for k in np.flatnonzero(full.sum(axis=0) > _FEW):
             share = 100 * float(full[:, k].mean())
             text = f"the motor torque of {names[k]} is at its limit of {limits.torque[k]:.4g} Nm"
-            yield finding("command_saturated", f"{text} in {share:.2g} % of the ticks", _first(time, full[:, k]))
+            yield finding("command_saturated", f"{text} in {share:.2g} % of the ticks", first_time(time, full[:, k]))
     if (shares := signals.get("torque_share")) is not None:
         for k in np.flatnonzero((shares > 1.0).sum(axis=0) > _FEW):
             text = f"{names[k]} may need {100 * shares[:, k].max():.0f} % of the torque that its motor has"
-            yield finding("torque_beyond_limits", text, _first(time, shares[:, k] > 1.0))
+            yield finding("torque_beyond_limits", text, first_time(time, shares[:, k] > 1.0))
     if command is not None and speed is not None:
         period = setting.truth.period
         most = reversals_at_rest(command, speed, period)
@@ -94,14 +91,14 @@ def _beyond(
         if over.any():
             k = int(np.argmax(np.where(over, out, 0.0).max(axis=0)))
             text = f"{np.degrees(out[:, k].max()):.3g} deg beyond its position limits"
-            yield finding(kind, f"{whose} {names[k]} is {text}".strip(), _first(time, over[:, k]))
+            yield finding(kind, f"{whose} {names[k]} is {text}".strip(), first_time(time, over[:, k]))
     if speed is not None:
         share = np.abs(speed) / limits.velocity
         over = share > 1 + config.limit_share
         if over.any():
             k = int(np.argmax(share.max(axis=0)))
             text = f"{100 * (share[:, k].max() - 1):.3g} % beyond its speed limit of {limits.velocity[k]:.3g} rad/s"
-            yield finding(kind, f"{whose} {names[k]} is {text}".strip(), _first(time, over[:, k]))
+            yield finding(kind, f"{whose} {names[k]} is {text}".strip(), first_time(time, over[:, k]))
 
 
 def _sticking(
@@ -154,12 +151,14 @@ def _fallbacks(log: Any) -> Iterator[RunFinding]:
             worst = Status(int(status.max()))
             why = _poor_readings(log, here) if worst is Status.NOT_FINITE and name == "status" else ""
             why = why or f"its program has no solution ({worst.name.lower().replace('_', ' ')})"
-            yield finding("solver_fallback", f"the controller falls back in {_ticks(here)}: {why}", _first(time, here))
+            yield finding(
+                "solver_fallback", f"the controller falls back in {_ticks(here)}: {why}", first_time(time, here)
+            )
     if "holding" in log:
         held = _any(log["holding"].values > 0) & ~fallen
         if held.any():
             text = f"the controller brakes or holds the joints in {_ticks(held)}, though its program has a solution"
-            yield finding("held", text, _first(time, held))
+            yield finding("held", text, first_time(time, held))
 
 
 def _poor_readings(log: Any, here: Mask) -> str:
@@ -215,10 +214,6 @@ def _targets(log: Any, setting: Setting) -> Iterator[RunFinding]:
     said = "and come no nearer" if stalled else "and still on the way"
     text = f"the last targets, of {begun:.3g} s, are not reached: {where} from them at the end {said}"
     yield finding("target_stalled" if stalled else "target_not_reached", text, float(time[-1]))
-
-
-def _first(time: Signal, here: Mask) -> float:
-    return float(time[int(np.argmax(here))])
 
 
 def _any(here: Mask) -> Mask:

@@ -12,6 +12,8 @@ from forcectl.force.approach import ApproachMode
 Signal = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+TOUCH = 0.02  # of the reference, above which a contact is made that can be lost
+
 
 class Pressing(NamedTuple):
     """The signals of one surface, shapes (k,).
@@ -89,9 +91,9 @@ def spent(time: Signal, here: Mask) -> float:
     return float(np.sum(np.diff(time, append=2 * time[-1] - time[-2] if len(time) > 1 else time[-1])[here]))
 
 
-def first_time(log: Pressing, here: Mask) -> float:
+def first_time(time: Signal, here: Mask) -> float:
     """Time of the first sample at which it is so [s]."""
-    return float(log.time[int(np.argmax(here))])
+    return float(time[int(np.argmax(here))])
 
 
 def percent(share: float) -> str:

@@ -44,7 +44,7 @@ LOOP_METRICS: dict[str, Metric] = {
     "reversals_at_rest_1_s": Metric(
         "1/s",
         "most reversals of a joint of the reference at rest within a second",
-        "changes of the sign of q''_ref within a second, where |q''_ref| >= 0.1 rad/s^2, while q_ref stays within "
+        "changes of the sign of q''_ref within a second, where |q''_ref| > 0.1 rad/s^2, while q_ref stays within "
         "2 mrad for 0.2 s",
     ),
     "torque_share": Metric(
@@ -276,7 +276,9 @@ ALIGNMENT_METRICS: dict[str, Metric] = {
         "max (0, angle of the peg - angle of the hole)",
     ),
     "alignment_settling_2pct_s": Metric(
-        "s", "until the peg stays within 2 % of the angle of the hole", "last t with |angle - hole| > 0.02 |hole|"
+        "s",
+        "until the peg stays within 2 % of the angle of the hole",
+        "first t from which |angle - hole| <= 0.02 |hole|",
     ),
     "torque_at_start_Nm": Metric("Nm", "interaction torque at first", "torque at the first tick", "as the torque"),
     "torque_at_end_Nm": Metric("Nm", "interaction torque at the end", "torque at the last tick", "as the torque"),
@@ -288,5 +290,5 @@ MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
 
 
 def is_motion_metric(name: str) -> bool:
-    """Whether `name` is a metric of a motion loop, of one joint or arm too (`left.push_error_N`)."""
+    """Whether `name` is a metric of a motion loop, of one joint or arm too (`left.quiet_force_N`)."""
     return bool(re.fullmatch(r"(\w+\.)?\w+", name)) and name.rpartition(".")[2] in MOTION_METRICS
