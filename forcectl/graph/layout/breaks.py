@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import heapq
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from forcectl.graph.layout.strips import Strips
 
@@ -59,12 +60,19 @@ def in_rows(
 def _lean_cuts(widths: Sequence[float], rows: int, passing: Mapping[int, int], room: float) -> list[list[int]]:
     """Columns behind which rows end, so that few signals lead from row to row and no row is wider than `room`."""
     ends = [0.0, *itertools.accumulate(widths)]
-    found = []
-    for cuts in itertools.combinations(range(1, len(widths)), rows - 1):
-        row_widths = [ends[b] - ends[a] for a, b in itertools.pairwise([0, *cuts, len(widths)])]
-        if max(row_widths) <= room:
-            found.append((sum(passing[cut] for cut in cuts), max(row_widths), list(cuts)))
-    return [cuts for _, _, cuts in sorted(found)[:_LEAN]]
+
+    def ways(start: int, rows: int) -> Iterator[tuple[int, float, list[int]]]:
+        """Signals that lead from row to row, the widest row, and the columns; of what is behind a column."""
+        if rows == 1 and ends[-1] - ends[start] <= room:
+            yield 0, ends[-1] - ends[start], []
+        for cut in range(start + 1, len(widths) if rows > 1 else start):
+            if (width := ends[cut] - ends[start]) > room:
+                break
+            if ends[-1] - ends[cut] <= 1.001 * room * (rows - 1):  # else one of the rows that are left is wider
+                for signals, widest, cuts in ways(cut, rows - 1):
+                    yield passing[cut] + signals, max(width, widest), [cut, *cuts]
+
+    return [cuts for _, _, cuts in heapq.nsmallest(_LEAN, ways(0, rows))]
 
 
 def _cuts(widths: Sequence[float], rows: int) -> list[int]:
