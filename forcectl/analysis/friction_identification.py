@@ -101,7 +101,9 @@ def friction_metrics(fit: FrictionFit, true: JointFriction, joints: list[str]) -
     found, fastest = fit.friction, np.max(np.abs(fit.speed), axis=0)
     speeds = fastest * np.linspace(-1.0, 1.0, _GRID)[:, None]
     difference = np.abs(friction_torque(speeds, found) - friction_torque(speeds, true))
-    error = 100 * difference.max(axis=0) / np.abs(friction_torque(speeds, true)).max(axis=0)
+    largest = np.abs(friction_torque(speeds, true)).max(axis=0)
+    # Of a joint without friction no percentage says how far a fit is off.
+    error = 100 * difference.max(axis=0) / np.where(largest > 0, largest, np.nan)
     coulomb = 100 * np.abs(found.coulomb - true.coulomb) / np.where(true.coulomb > 0, true.coulomb, np.nan)
     rows = {
         "friction_error_pct": error,
@@ -114,8 +116,8 @@ def friction_metrics(fit: FrictionFit, true: JointFriction, joints: list[str]) -
         "offset_Nm": found.offset,
     }
     worst = {
-        "friction_error_pct": float(np.max(error)),
-        "coulomb_error_pct": float(np.nanmax(coulomb)) if np.isfinite(coulomb).any() else None,
+        "friction_error_pct": max((float(each) for each in error if np.isfinite(each)), default=None),
+        "coulomb_error_pct": max((float(each) for each in coulomb if np.isfinite(each)), default=None),
         "offset_error_Nm": float(np.max(rows["offset_error_Nm"])),
         "friction_explained": float(np.min(fit.explained)),
         "friction_ticks": float(np.min(fit.used)),

@@ -221,6 +221,19 @@ def test_friction_errors_are_those_of_the_curves():
     assert (found["friction_explained"], found["friction_ticks"]) == (0.9, 40.0)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_joint_without_friction_has_no_error_in_percent_of_it_and_hides_no_other():
+    class Fit:
+        friction = JointFriction(2, coulomb=[1.1, 0.01])
+        speed, explained, used = np.array([[1.0, -2.0], [-1.0, 2.0]]), np.array([0.9, 1.0]), np.array([50, 40])
+
+    found = friction_metrics(Fit(), JointFriction(2, coulomb=[1.0, 0.0]), ["a", "b"])
+    assert found["friction_error_pct"] == found["coulomb_error_pct"] == pytest.approx(10.0)
+    assert found["b.friction_error_pct"] is found["b.coulomb_error_pct"] is None
+    none = friction_metrics(Fit(), JointFriction(2), ["a", "b"])
+    assert none["friction_error_pct"] is none["coulomb_error_pct"] is None
+
+
 def test_metrics_of_every_run():
     limits = model().robot.limits
     q, v = np.tile(model().start, (COUNT, 1)), np.zeros((COUNT, 7))
