@@ -47,8 +47,10 @@ class SurfaceAlignmentAnalysis(Config):
             found["aligned_s"] = float(time[outside[-1] + 1] - time[0]) if len(outside) else 0.0
         after = time - time[0] >= self.deadline - 1e-9
         if after.any():
-            force, wanted = (log[name].values.squeeze()[after] for name in ("contact_force", "desired_force"))
             found["aligned_torque_Nm"] = float(torque[after].max())
+        pressed = after & (log["desired_force"].values.squeeze() != 0.0)
+        if pressed.any():
+            force, wanted = (log[name].values.squeeze()[pressed] for name in ("contact_force", "desired_force"))
             found["aligned_force_error_pct"] = 100.0 * float(np.max(np.abs(force - wanted) / np.abs(wanted)))
             found["aligned_mean_force_error_pct"] = 100.0 * float(np.mean(force - wanted) / np.mean(np.abs(wanted)))
         return found

@@ -135,12 +135,14 @@ SURFACE_ALIGNMENT_METRICS: dict[str, Metric] = {
         "Nm", "largest true contact torque at the TCP from `deadline` on", "max |tau| from `deadline` on"
     ),
     "aligned_force_error_pct": Metric(
-        "%", "largest error of the true force from `deadline` on", "100 max |F_c - F_r| / |F_r| from `deadline` on"
+        "%",
+        "largest error of the true force from `deadline` on",
+        "100 max |F_c - F_r| / |F_r| from `deadline` on, while F_r is not zero",
     ),
     "aligned_mean_force_error_pct": Metric(
         "%",
         "error of the mean true force from `deadline` on",
-        "100 mean(F_c - F_r) / mean |F_r| from `deadline` on",
+        "100 mean(F_c - F_r) / mean |F_r| from `deadline` on, while F_r is not zero",
         "positive: presses too hard",
     ),
 }

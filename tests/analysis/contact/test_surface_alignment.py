@@ -48,6 +48,16 @@ def test_a_tool_that_comes_to_lie_flat():
     }
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("wanted", "error"), [([10.0, 10.0, 0.0], 10.0), ([0.0, 0.0, 0.0], None)])
+def test_a_force_is_off_by_a_share_of_what_is_wanted_while_any_is(wanted, error):
+    signals = log([0, 0, 0], [0, 9, 0.5], [0, 0, 0]).assign(desired_force=("time", wanted))
+    found = SurfaceAlignmentAnalysis(deadline=1.0).metrics(signals, SETTING)
+    assert found["aligned_force_error_pct"] == (error and pytest.approx(error))
+    assert found["aligned_mean_force_error_pct"] == (error and pytest.approx(-error))
+    assert found["aligned_torque_Nm"] == 0.0
+
+
 def test_a_torque_that_stays_has_no_time_and_a_short_run_no_verdict():
     found = SurfaceAlignmentAnalysis(torque=0.2, deadline=3.0).metrics(
         log([0, 0.3, 0.3], [0, 8, 9], [10, 9, 9]), SETTING
