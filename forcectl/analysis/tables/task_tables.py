@@ -18,9 +18,13 @@ INSERTION_METRICS: dict[str, Metric] = {
         "s",
         "from then until the peg stays at the depth of its seat, in the bore, up to the success",
         "first t from which the depth stays at the seat and the tip near the axis, minus t of first contact",
+        "negative: before the peg touched the bore",
     ),
     "finished_after_s": Metric(
-        "s", "from then until the state machine ends in a success", "t of the success minus t of first contact"
+        "s",
+        "from then until the state machine ends in a success",
+        "t of the success minus t of first contact",
+        "negative: before the peg touched the bore",
     ),
     "depth_mm": Metric(
         "mm",
@@ -112,7 +116,10 @@ TOUCH_DOWN_METRICS: dict[str, Metric] = {
     ),
     "bounces": Metric("1", "how many times contact is lost after the first touch", "count of F_c becoming 0"),
     "hand_over_s": Metric(
-        "s", "from the first touch until the force law takes over", "first t in contact mode, minus t of the touch"
+        "s",
+        "from the first touch until the force law takes over",
+        "first t in contact mode, minus t of the touch",
+        "negative: the force law took over in the air",
     ),
     "stable_contact_s": Metric(
         "s", "from the first touch until the contact that lasts to the end", "last t with F_c = 0, minus t of the touch"

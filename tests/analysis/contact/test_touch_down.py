@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 from forcectl.analysis.contact.touch_down import TouchDownAnalysis
+from forcectl.analysis.tables.metric_tables import metric_range
 from forcectl.errors import BadInputError
 
 SETTING: Any = None
@@ -40,6 +41,12 @@ def test_a_contact_that_is_lost_for_good_is_never_stable():
     assert found["bounces"] == 1.0
     assert found["stable_contact_s"] is None
     assert found["settled_5pct_s"] is None
+
+
+def test_a_law_that_takes_over_in_the_air_does_so_before_the_touch():
+    found = TouchDownAnalysis().metrics(log([0, 0, 0, 0, 9, 10], [0, 1, 2, 2, 2, 2]), SETTING)
+    assert found["hand_over_s"] == pytest.approx(-0.2)
+    assert metric_range("hand_over_s") == (-np.inf, np.inf)  # a sweep may count such trials
 
 
 def test_without_a_touch_there_is_nothing_to_say():
