@@ -57,7 +57,7 @@ class FindingsConfig(Config):
         check_distinct("ignore", self.ignore)
 
     def found(self, log: Any, setting: Setting, motion: tuple[float, float] | None) -> list[RunFinding]:
-        """The findings of one variant, the worst first.
+        """The findings of one variant that are not ignored, by what they are of: surfaces, joints, tasks, guard.
 
         Args:
             log: over time.

@@ -226,7 +226,9 @@ REACH_METRICS: dict[str, Metric] = {
         "1", "share of the ticks in which a constraint binds", "ticks with an active constraint / ticks"
     ),
     "constraint_excess": Metric(
-        "", "largest violation of a constraint or joint limit, in its own unit", "max violation, before a tick"
+        "SI",
+        "largest violation of a constraint or joint limit, in its unit (m, rad, rad/s, Nm)",
+        "max violation, before a tick",
     ),
     "holding_share": Metric(
         "1", "share of the ticks in which the joints brake or hold", "ticks in which the joints brake or hold / ticks"

@@ -28,7 +28,7 @@ def test_every_metric_and_kind_is_on_the_page_with_all_there_is_to_say():
         assert metric.meaning
         assert metric.formula
         assert metric.sign
-        assert metric.unit or name == "constraint_excess"  # which has that of its constraint
+        assert metric.unit, name
     for name in KINDS:
         assert text.count(f"| `{name}` |") == 1
     assert not EVERY.keys() & KINDS
