@@ -49,19 +49,19 @@ def force_figure(log: Any, title: str = "", findings: Found = NOTHING, targets: 
         targets: what is expected of the forces.
     """
     figure, axes = _new(title, "force [N]")
-    desired = {one["desired_force"].values.tobytes(): one["desired_force"] for *_, one in _drawn(log)}
+    variants, drawn = list(_drawn(log)), list[Any]()
+    desired = {one["desired_force"].values.tobytes(): one["desired_force"] for *_, one in variants}
     for i, values in enumerate(desired.values()):
-        axes.plot(log["time"], values, color=_REFERENCE, lw=1.0, label="reference" if i == 0 else None, zorder=1)
-    draw_bands(axes, log["time"].values, (one.values for one in desired.values()))
-    drawn: list[Any] = []
-    for colour, dashes, name, one in _drawn(log):
-        label, look = _label(name) or "measured force", _seen_through(dashes, one["measured_force"].values, drawn)
+        axes.plot(values["time"], values, color=_REFERENCE, lw=1.0, label="reference" if i == 0 else None, zorder=1)
+    draw_bands(axes, ((one["time"].values, one.values) for one in desired.values()))
+    for colour, dashes, name, one in variants:
+        label, look = _label(name) or "measured force", _seen_through(dashes, one["measured_force"], drawn)
         axes.plot(one["time"], one["measured_force"], color=colour, ls=look, lw=1.8, label=label, zorder=3)
         if _has_model(log):
             axes.plot(one["time"], one["model_force"], color=colour, lw=1.2, ls=(0, (5, 3)), alpha=0.9, zorder=2)
     if _has_model(log):
         axes.plot([], [], color=_REFERENCE, lw=1.2, ls=(0, (5, 3)), label="reference model")
-    colours = {name: colour for colour, _, name, _ in _drawn(log)}
+    colours = {name: colour for colour, _, name, _ in variants}
     axes.set_xlim(float(log["time"][0]), float(log["time"][-1]))
     draw_targets(axes, colours, targets)
     _finish(figure, axes, log)
@@ -118,7 +118,7 @@ def error_figure(log: Any, title: str = "") -> Figure:
         error = one["measured_force"] - one["model_force"]
         if error.isnull().all():  # a law without a reference model
             continue
-        look = _seen_through(dashes, error.values, drawn)
+        look = _seen_through(dashes, error, drawn)
         axes.plot(one["time"], error, color=colour, ls=look, lw=1.6, label=_label(name))
     _finish(figure, axes, log)
     return figure
@@ -257,12 +257,12 @@ def _seen_through(dashes: Any, values: Any, drawn: list[Any]) -> Any:
 
     Args:
         dashes: of its variant.
-        values: of the curve (k,).
+        values: of the curve, over its times.
         drawn: the curves so far; this one is added.
     """
-    finite = values[np.isfinite(values)]
+    finite = values.values[np.isfinite(values)]
     near = _CLOSE * float(np.ptp(finite)) if finite.size else 0.0
-    gaps = [abs(values - other) for other in drawn]
+    gaps = [abs(values - other).values for other in drawn]  # at the times that both have
     covers = any(np.isfinite(gap).any() and np.nanmax(gap) < near for gap in gaps)
     drawn.append(values)
     return _OVER if covers and dashes == "-" else dashes
@@ -279,9 +279,12 @@ def _label(variant: str) -> str | None:
 
 
 def _drawn(log: Any) -> Iterator[tuple[str, Any, str, Any]]:
-    """Colour, dashes, name and log of every variant, no two alike: used up, the colours begin again in dots."""
+    """Colour, dashes, name and log of every variant, no two alike: used up, the colours begin again in dots.
+
+    Without the times that only others have: a curve has a gap at each of them.
+    """
     if "variant" in log.dims:
-        variants = [(str(name), log.sel(variant=name)) for name in log["variant"].values]
+        variants = [(str(name), log.sel(variant=name).dropna("time", how="all")) for name in log["variant"].values]
     else:
         variants = [(str(log["variant"].item()) if "variant" in log.coords else _ONLY_VARIANT, log)]
     for i, (name, one) in enumerate(variants):

@@ -37,19 +37,18 @@ class ForceTarget(NamedTuple):
     published: float | None = None
 
 
-def draw_bands(axes: Axes, time: Array, references: Iterable[Array]) -> None:
+def draw_bands(axes: Axes, references: Iterable[tuple[Array, Array]]) -> None:
     """Shade 5 % and 2 % around every force that is held.
 
     Args:
         axes: force over time.
-        time: shape (k,) [s].
-        references: different desired forces, each of shape (k,) [N].
+        references: times and desired forces that differ, shapes (k,) [s, N].
     """
     every = list(references)
     if len(every) > _MOST_REFERENCES:
         return
     label: str | None = f"within {' % and '.join(f'{100 * band:g}' for band in BANDS)} %"
-    for desired in every:
+    for time, desired in every:
         changes = np.flatnonzero(np.diff(desired) != 0) + 1
         for part in np.split(np.arange(len(desired)), changes):
             force, begin, end = desired[part[0]], time[part[0]], time[part[-1]]

@@ -37,6 +37,17 @@ def test_no_two_of_many_variants_look_alike(make):
     assert len(shown) == len(looks) == 16
 
 
+@pytest.mark.parametrize("make", [force_figure, error_figure])
+def test_a_variant_with_a_longer_period_is_a_curve_without_gaps(make):
+    fine, coarse = (log().sel(variant=name) for name in ("slow", "fast"))
+    both = xr.concat([fine, coarse.isel(time=slice(None, None, 2))], dim="variant", join="outer")
+    of_coarse = [line for line in lines(make(both)) if line.get_color() == COLOURS[1]]
+    assert of_coarse
+    for line in of_coarse:
+        assert len(line.get_xdata()) == 251
+        assert np.isfinite(line.get_ydata()).all()
+
+
 def test_force_shows_every_variant_its_model_dashed_and_the_reference_once():
     figure = force_figure(log(), "A title")
     axes = figure.axes[0]
