@@ -62,8 +62,8 @@ def measure_delay(
         BadInputError: unknown port, abstract port, or a value out of range.
     """
     check("tick", tick, "positive")
-    for name, value in {"start": start, "longest": longest, "threshold": threshold or 0.0}.items():
-        check(name, value, "not negative")
+    for name, given in {"start": start, "longest": longest, "threshold": threshold or 0.0}.items():
+        check(name, given, "not negative")
     if not (np.isfinite(amplitude).all() and np.any(amplitude)):
         raise invalid("amplitude", amplitude, "finite numbers, not all zero: there is no step to measure with")
     wiring = Wiring(system)
