@@ -270,7 +270,7 @@ def _seen_through(dashes: Any, values: Any, drawn: list[Any]) -> Any:
 
 def _has_model(log: Any) -> bool:
     """Whether a reference model says anything: it rests at zero while a controller is excited in an open loop."""
-    return "model_force" in log and bool((log["model_force"] != 0.0).any())
+    return "model_force" in log and bool((abs(log["model_force"]) > 0.0).any())
 
 
 def _label(variant: str) -> str | None:

@@ -158,6 +158,8 @@ def test_a_reference_model_that_rests_while_the_loop_is_open_is_not_drawn():
     figures = run_figures(excited)
     assert set(figures) == {"force"}
     assert legend(figures["force"]) == ["reference", "measured force"]
+    shorter = excited.isel(time=slice(200)).assign_coords(variant="shorter")  # filled up with NaN beside the other one
+    assert set(run_figures(xr.concat([excited, shorter], dim="variant", join="outer"))) == {"force"}
 
 
 @pytest.mark.slow
