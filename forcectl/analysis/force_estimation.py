@@ -62,7 +62,6 @@ class ForceAnalysis(Config):
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """Those of every run show it."""
-        del log, setting, title
         return {}
 
     def _arm(self, log: Any, truth: PlantModel, i: int, joints: slice) -> dict[str, float | None]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.analysis.findings.finding import RunFinding, finding
+from forcectl.analysis.findings.pressing import times
 from forcectl.analysis.stretches import stretches
 from forcectl.force.guard.limits import Cause, Reaction
 
@@ -67,7 +68,6 @@ def guard_findings(log: Any) -> Iterator[RunFinding]:
         first = parts[0]
         spent = sum(part.stop - part.start for part in parts)
         worst = max(Reaction(int(codes[part].max()) // 10) for part in parts)
-        times = "once" if len(parts) == 1 else f"{len(parts)} times"
         begin = float(time[first.start])
-        text = f"{_WHY[cause]}, from {begin:.3f} s on: the guard {_DOES[worst]}, {times}, for {spent} ticks"
+        text = f"{_WHY[cause]}, from {begin:.3f} s on: the guard {_DOES[worst]}, {times(len(parts))}, for {spent} ticks"
         yield finding("guard_stopped" if worst == Reaction.STOP else "guarded", text, begin)
