@@ -290,13 +290,14 @@ def tuning_metrics(time: Signal, signals: Mapping[str, Signal]) -> dict[str, flo
 def force_distance(time: Signal, force: Signal, other: Signal, step: Step, share: float) -> float | None:
     """Largest distance [N] of two forces from the step on, until `other` has first made this share of it.
 
-    None when it never does.
+    None when it never does, or where a force is no number meanwhile.
     """
     end = time_to_share(time, other, step, share)
-    if end is None:
+    if end is None or np.isnan(end):
         return None
     until = step.first + int(np.searchsorted(time[step.first : step.end], step.time + end, side="right"))
-    return float(np.max(np.abs(force - other)[step.first : until]))
+    furthest = float(np.max(np.abs(force - other)[step.first : until]))
+    return furthest if np.isfinite(furthest) else None
 
 
 def metrics_of(

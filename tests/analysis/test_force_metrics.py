@@ -322,6 +322,10 @@ def test_distance_of_two_forces_until_a_share_of_the_step():
     assert m.force_distance(time, force, other, step, 0.6) == pytest.approx(0.4)
     assert m.force_distance(time, force, other, step, 0.9) == pytest.approx(3.0)
     assert m.force_distance(time, force, other, step, 1.0) is None
+    dead = np.where(time < 0.5, 1.0, np.nan)
+    assert m.force_distance(time, force * dead, other, step, 0.3) == pytest.approx(0.2)
+    assert m.force_distance(time, force * dead, other, step, 0.6) is None
+    assert m.force_distance(time, force, other * dead, step, 0.6) is None
 
 
 def test_a_pulse_is_no_step():
