@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from pydrake.systems.framework import Diagram
 
@@ -337,8 +338,9 @@ def verdicts_on(
         one, two = logs[variant], logs[other]
         time, desired = two["time"].values, two["desired_force"].values
         steps = find_steps(time, desired, two["contact_force"].values[0].item())
-        forces = one["measured_force"].values, two["measured_force"].values
-        return force_distance(time, *forces, steps[-1], share) if steps else None
+        # At the ticks of the other one, which may have another period and end later.
+        force = np.interp(time, one["time"].values, one["measured_force"].values, right=np.nan)
+        return force_distance(time, force, two["measured_force"].values, steps[-1], share) if steps else None
 
     return [
         judge(expectation, metrics, names, first.fidelity, distance, first.fidelities)

@@ -290,6 +290,16 @@ def test_every_expectation_of_the_run_is_judged_and_kept(tmp_path):
     assert all(line["pass"] for line in kept.values())
 
 
+def test_forces_are_compared_at_the_ticks_of_the_other_variant(tmp_path):
+    file = tmp_path / "two.yaml"
+    file.write_text(
+        "{controller: {integral_gain: 3.0}, reference: {force: 15}, station: {fidelity: OneDimensional},\n"
+        "variants: {short: {duration: 0.6}, long: {duration: 0.8}}, fidelities: [OneDimensional], expect: [\n"
+        "{target: t, metric: force_distance_N, variant: short, distance_to: {variant: long, until_pct: 50}, maximum: 0.1}]}"
+    )
+    assert [verdict.ours for verdict in fc.run(file).verdicts] == [0.0]
+
+
 def test_a_scenario_object_or_mapping_runs_too():
     scenario = fc.load_scenario("fig_2_8", overrides=SHORT)
     a = fc.run(scenario)
