@@ -95,7 +95,14 @@ def check(
 
     Example: forcectl check fig_2_7 --from station.measured_force --to station.joint_position_command
     """
-    from forcectl.cli.target import named_assumptions, named_code, named_diagram, named_gains, named_margins
+    from forcectl.cli.target import (
+        named_assumptions,
+        named_code,
+        named_diagram,
+        named_gains,
+        named_margins,
+        named_unread,
+    )
     from forcectl.doctor import examine, render
     from forcectl.scenario.catalog import passed_over
 
@@ -110,6 +117,7 @@ def check(
         for each in margins:
             typer.echo(each)
         found = named_gains(scenario, variant, settings, fidelity, allow_imports)
+        found += named_unread(scenario, variant, settings, fidelity, allow_imports)
         for line in (*named_code(scenario, settings), *found):
             typer.echo(line)
         say_assumed(named_assumptions(scenario, variant, settings, fidelity, allow_imports))

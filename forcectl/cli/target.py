@@ -20,6 +20,7 @@ from forcectl.inspect.names import said_type
 from forcectl.runs.entry import first_built, margins
 from forcectl.runs.run import assumed_of
 from forcectl.scenario.code import code_in, said
+from forcectl.scenario.effects import unread
 from forcectl.scenario.error_keys import located
 from forcectl.scenario.gains import gains_lines
 from forcectl.scenario.layers import select_variants
@@ -123,6 +124,21 @@ def named_gains(
     file = as_file(target, allow or ())
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
     return gains_lines(resolve(file, select_variants(file, variant)[0], overrides))
+
+
+def named_unread(
+    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
+) -> list[str]:
+    """Lines that say which keys of a scenario its fidelity does not read; none of an import path.
+
+    Args: as for `named_diagram`.
+    """
+    if ":" in target and not os.path.exists(Path(target)):
+        return []
+    file = as_file(target, allow or ())
+    overrides = with_shortcuts(parse_settings(settings), None, fidelity)
+    every = (unread(resolve(file, name, overrides)) for name in select_variants(file, variant))
+    return [f"info: {line}" for line in dict.fromkeys(line for lines in every for line in lines)]
 
 
 def named_margins(

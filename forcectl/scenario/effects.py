@@ -13,6 +13,7 @@ from forcectl.errors import about, invalid
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
 from forcectl.scenario.catalog import find_preset
+from forcectl.scenario.schema import class_of
 from forcectl.scenario.trees import to_tree
 
 if TYPE_CHECKING:
@@ -25,6 +26,12 @@ _SHALLOWEST = 1e-6  # [m] of an excitation
 _NOTHING = 1e-9  # [Nm, N] of loads together
 _RELAXED = 1.0  # [s] damping over stiffness of a surface: rubber has some 0.1 s
 _OF_MATERIALS = ("stiffness", "damping")  # keys of an environment that its materials stand for
+# Keys of a station that a fidelity does not read, by an attribute of it and the value with which it does not.
+_UNREAD = {
+    ("has_dynamics", False): ("gravity", "time_step", "friction_scale", "tuned_for", "torque_ratio"),
+    ("has_dynamics", True): ("coulomb_friction", "substeps"),
+    ("constant_jacobian", True): ("posture_period",),
+}
 
 
 def check_effects(scenario: Scenario) -> None:
@@ -54,6 +61,31 @@ def check_effects(scenario: Scenario) -> None:
         if not none and field.name != "ideal" and given != default_of(field):
             key = f"station.drive.servo.{field.name}"
             raise invalid(key, given, "left out with ideal = true: an ideal servo has no loops and no friction")
+
+
+def unread(scenario: Scenario) -> list[str]:
+    """What a scenario says, in lines, that neither its fidelity nor another one that it is for reads.
+
+    A preset is for all fidelities, and no word is lost on it.
+    """
+    every = [scenario.station.fidelity, *(class_of("fidelity", name) for name in scenario.fidelities)]
+    names = {
+        name
+        for (attribute, value), keys in _UNREAD.items()
+        if all(getattr(each, attribute, None) is value for each in every)
+        for name in keys
+    }
+    preset = find_preset(scenario.preset, to_tree(scenario.station.drive, "drive").tag or "").tree
+    lines = []
+    for key, part in configs(scenario.station, "station"):
+        usual: Any = preset
+        for name in key.split("."):
+            usual = usual.get(name) if isinstance(usual, Mapping) else None
+        for field in fields(part) if type(part).__module__.startswith("forcectl.") else ():
+            value, own = getattr(part, field.name), usual.get(field.name) if isinstance(usual, Mapping) else None
+            if field.name in names and value not in (default_of(field), own):
+                lines.append(f"{join(key, field.name)} = {value} has no effect: {scenario.fidelity} does not read it")
+    return lines
 
 
 def check_lengths(scenario: Scenario, longest: float, words: str) -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from forcectl.analysis.findings.config import FindingsConfig
-from forcectl.analysis.findings.finding import RunFinding
+from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.analysis.slot import check_figures, check_metrics, read_only, run_figures, run_metrics
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.model import ModelConfig, Setting
@@ -32,6 +32,7 @@ from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.code import check_imports
+from forcectl.scenario.effects import unread
 from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation
 from forcectl.scenario.gains import identifications
@@ -147,6 +148,8 @@ class Scenario(Config):
     def found(self, log: xr.Dataset, setting: Setting) -> list[RunFinding]:
         """All findings of a run, the worst first; those of equal severity by their times."""
         findings = self.findings.found(log, setting, self.motion.interval())
+        if "key_unread" not in self.findings.ignore:
+            findings += [finding("key_unread", line) for line in unread(self)]
         for name, analysis in self.analyses.items():
             if hasattr(analysis, "findings"):
                 findings += self.asked(name, "findings", log, setting, kind=list)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from forcectl.errors import BadInputError
+from forcectl.runs.run import run
 from forcectl.scenario.scenario import build
 
 SEGMENTS = "materials: {segments: [{material: plastic, start: -1, end: 1}]}"
@@ -100,3 +101,27 @@ def test_what_has_an_effect_is_not(tmp_path, text):
     file = tmp_path / "own.yaml"
     file.write_text(f"{text}\n")
     assert build(file, fidelity="OneDimensional").workcell.contact.name == "environment"
+
+
+# Of a station, what its fidelity does not read; and what it reads, or another fidelity that the scenario is for.
+UNREAD = [
+    ("gravity: false, time_step: 0.0005", "OneDimensional", ["gravity = False", "time_step = 0.0005"]),
+    ("posture_period: 0.08", "OneDimensional", ["posture_period = 0.08"]),
+    ("posture_period: 0.08", "Kinematic", []),
+    ("drive: {servo: {coulomb_friction: 0}}", "Multibody", ["drive.servo.coulomb_friction = 0.0"]),
+    ("drive: {servo: {coulomb_friction: 0}}", "OneDimensional", []),
+    ("sensors: {force: {torque_ratio: 0.1}}", "Kinematic", ["sensors.force.torque_ratio = 0.1"]),
+    ("gravity: false}\nfidelities: [Multibody, Kinematic]\n_: {", "Kinematic", []),
+    ("}\npreset: linear\n_: {", "OneDimensional", []),
+]
+
+
+@pytest.mark.parametrize(("text", "fidelity", "said"), UNREAD)
+def test_a_key_that_the_fidelity_does_not_read_is_told_in_check_and_run(forcectl, tmp_path, text, fidelity, said):
+    file = tmp_path / "own.yaml"
+    file.write_text(f"duration: 0.1\nstation: {{{text}}}\n")
+    lines = [f"info: station.{key} has no effect: {fidelity} does not read it" for key in said]
+    _, out, _ = forcectl("check", file, "--fidelity", fidelity)
+    assert [line for line in out.splitlines() if "has no effect" in line] == lines
+    (found,) = run(file, fidelity=fidelity).findings.values()
+    assert [str(one) for one in found if one.kind == "key_unread"] == lines
