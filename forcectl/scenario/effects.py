@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import Field, fields
 from itertools import pairwise
@@ -9,9 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcectl.errors import about, invalid
+from forcectl.analysis.tables.metric_tables import GAINS, METRICS, MOTION_METRICS, TUNING_METRICS
+from forcectl.analysis.tables.reference import analyses_of
+from forcectl.analysis.tables.task_tables import MODE_METRICS
+from forcectl.analysis.tracking_metrics import TRACKING_METRICS
+from forcectl.errors import about, invalid, unknown
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
+from forcectl.motion.references import SequenceConfig, StepConfig
 from forcectl.scenario.catalog import find_preset
 from forcectl.scenario.schema import class_of
 from forcectl.scenario.trees import to_tree
@@ -26,6 +32,8 @@ _SHALLOWEST = 1e-6  # [m] of an excitation
 _NOTHING = 1e-9  # [Nm, N] of loads together
 _RELAXED = 1.0  # [s] damping over stiffness of a surface: rubber has some 0.1 s
 _OF_MATERIALS = ("stiffness", "damping")  # keys of an environment that its materials stand for
+# A metric: arm, joint, mode or surface; number of a step; its own name.
+_PARTS = re.compile(r"(?:(?!step_\d)(.+?)\.)?(?:step_(\d+)\.)?([^.]+)")
 # Keys of a station that a fidelity does not read, by an attribute of it and the value with which it does not.
 _UNREAD = {
     ("has_dynamics", False): ("gravity", "time_step", "friction_scale", "tuned_for", "torque_ratio"),
@@ -81,11 +89,59 @@ def unread(scenario: Scenario) -> list[str]:
         usual: Any = preset
         for name in key.split("."):
             usual = usual.get(name) if isinstance(usual, Mapping) else None
-        for field in fields(part) if type(part).__module__.startswith("forcectl.") else ():
+        for field in fields(part) if type(part).__module__.startswith("forcectl.") else ():  # type: ignore[arg-type]
             value, own = getattr(part, field.name), usual.get(field.name) if isinstance(usual, Mapping) else None
             if field.name in names and value not in (default_of(field), own):
                 lines.append(f"{join(key, field.name)} = {value} has no effect: {scenario.fidelity} does not read it")
     return lines
+
+
+def check_judged(scenario: Scenario, loop: Loop) -> None:
+    """Refuse expected metrics that no run of a scenario has. Analyses of one's own may put out any.
+
+    Args:
+        scenario: as read.
+        loop: its loop.
+
+    Raises:
+        BadInputError: about the metric.
+    """
+    if any(not type(each).__module__.startswith("forcectl.") for each in scenario.analyses.values()):
+        return
+    tags = {to_tree(each, "analysis").tag for each in scenario.analyses.values()}
+    modes = loop.signals["mode"].meanings if "mode" in loop.signals else ()
+    surfaces = [contact.name for contact in loop.workcell.contacts]
+    fronts, steps = surfaces if len(surfaces) > 1 else [""], _number_of_steps(scenario.reference)
+    for key, name in scenario.judged:
+        front, number, last = _PARTS.fullmatch(name).groups()  # type: ignore[union-attr]
+        makers = analyses_of(name)
+        if makers and not tags.intersection(makers):
+            raise invalid(key, name, f"left out, or go with an analysis !{' or !'.join(makers)}")
+        if last in MODE_METRICS and front not in modes:
+            raise unknown("mode", front, modes).at(key)
+        if last not in METRICS:
+            continue
+        if "desired_force" not in loop.signals:
+            raise invalid(key, name, "left out: nothing takes a desired force")
+        if (front or "") not in fronts:
+            raise invalid(key, name, f"of one of {', '.join(surfaces)}" if fronts[0] else f"{last}, of the one surface")
+        if last in MOTION_METRICS and scenario.motion.interval() is None:
+            raise invalid(key, name, "left out without a motion along the surface")
+        if last in TUNING_METRICS and not {"mode", *GAINS}.intersection(loop.signals):
+            raise invalid(key, name, "left out: no controller is tuned in the run")
+        if steps is not None and last in TRACKING_METRICS:
+            raise invalid(key, name, "left out: the reference moves in steps only")
+        if steps is not None and number and (int(number) > steps or steps == 1):
+            counted = f"step_1 to step_{steps}" if steps > 1 else "named without a step: there is one"
+            raise invalid(key, name, f"of the reference, {counted}")
+
+
+def _number_of_steps(reference: Any) -> int | None:
+    """Of a reference of steps only, from zero on; None of any other."""
+    if isinstance(reference, StepConfig):
+        return 1 + (reference.start_time > 0 and reference.initial_force > 0)
+    forces = reference.forces if isinstance(reference, SequenceConfig) else ()
+    return sum(one != other for one, other in pairwise([0.0, *forces])) or None
 
 
 def check_lengths(scenario: Scenario, longest: float, words: str) -> None:

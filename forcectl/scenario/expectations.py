@@ -15,7 +15,7 @@ from forcectl.analysis.tables.metric_tables import (
     metric_unit,
     unknown_metric,
 )
-from forcectl.errors import BadInputError, check_distinct, invalid
+from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.fields import Config, key
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import plain
@@ -190,6 +190,33 @@ class Expectation(Config):
             if term is not None:
                 found[f"{name}.variant"] = term.variant if term.variant is not None else own
         return found
+
+
+Judged = tuple[tuple[str, str], ...]  # dotted key of a metric, and the metric
+
+
+def judged_metrics(lines: Sequence[Expectation], variant: str, names: Sequence[str], fidelity: str) -> Judged:
+    """The metrics of a variant that are judged on a fidelity, each with the key that names it.
+
+    Args:
+        lines: of the scenario.
+        variant: whose metrics.
+        names: of all variants.
+        fidelity: of the run. A line with a gap may have no value there.
+
+    Raises:
+        BadInputError: a line is about a variant that there is not.
+    """
+    found = list[tuple[str, str]]()
+    for i, line in enumerate(lines):
+        judged = (not line.fidelities or fidelity in line.fidelities) and fidelity not in line.gaps
+        for place, name in line.variants(names).items():
+            if name not in names:
+                raise unknown("variant", name, names).at(f"expect.{i}.{place}")
+            term = place.removesuffix("variant")  # of the line itself empty
+            if judged and name == variant and line.metric not in PAIR_METRICS:
+                found.append((f"expect.{i}.{term}metric", (getattr(line, term[:-1]) if term else line).metric))
+    return tuple(found)
 
 
 _ROW = {"passed": "pass", "drifted": "drift"}  # names in `summary.json` that differ

@@ -21,7 +21,7 @@ from forcectl.analysis.slot import check_figures, check_metrics, read_only, run_
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.model import ModelConfig, Setting
 from forcectl.diagrams.station import StationConfig
-from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, unknown
+from forcectl.errors import BadInputError, RunFailedError, invalid, one_line
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, slot
@@ -32,9 +32,9 @@ from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.code import check_imports
-from forcectl.scenario.effects import unread
+from forcectl.scenario.effects import check_judged, unread
 from forcectl.scenario.error_keys import full_key, located
-from forcectl.scenario.expectations import Expectation
+from forcectl.scenario.expectations import Expectation, Judged, judged_metrics
 from forcectl.scenario.gains import identifications
 from forcectl.scenario.layers import ONLY_VARIANT, Layers, leave_out, locate_files, select_variants
 from forcectl.scenario.probes import probes_of
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
 FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
 LARGEST_CONTACT_FORCE = 2000.0  # [N] above it a run without a force sensor diverges
+_AS_WRITTEN = {"seed", "station.fidelity"}  # overrides with which a scenario still has what its expectations are about
 
 
 @dataclass(kw_only=True, repr=False)
@@ -88,6 +89,7 @@ class Scenario(Config):
     expect: list[Expectation] = key([], "what is expected of the metrics")
 
     imports = Imports()  # what it may name, and what it names may: no key
+    judged = Judged()  # metrics that are expected of it as it is written
 
     def __repr__(self) -> str:
         controller = to_tree(self.controller, "controller")
@@ -113,6 +115,7 @@ class Scenario(Config):
         if self.reference_model and "desired_force" not in loop.signals:
             raise invalid("reference_model", self.reference_model, "left out where nothing takes a desired force")
         check_built(self, loop)
+        check_judged(self, loop)
         return (
             replace(loop, probes=(*loop.probes, *probes_of(loop.diagram, self.log, loop.workcell)))
             if self.log
@@ -308,14 +311,11 @@ def _resolved(
     scenario.imports = imports
     try:
         check_together(scenario, overrides or {})
+        judged = judged_metrics(scenario.expect, variant, select_variants(file), scenario.fidelity)
     except BadInputError as error:
         raise error.at(error.key, layers.where(error.key)) from None
-    names = select_variants(file)
-    for i, expectation in enumerate(scenario.expect):
-        for term, name in expectation.variants(names).items():
-            if name not in names:
-                key = f"expect.{i}.{term}"
-                raise unknown("variant", name, names).at(key, layers.where(key))
+    if {*(overrides or {})} <= _AS_WRITTEN:
+        scenario.judged = judged
     return scenario, layers.where
 
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 import forcectl
 from forcectl.analysis.tables.metric_tables import is_metric, metric_range, unknown_metric
+from forcectl.analysis.tables.task_tables import MODE_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import Tagged, dump, equal
@@ -37,7 +38,6 @@ from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, with_scenario
 CASE = "case"  # the axis of the cases
 _PACKAGES = ("drake", "numpy", "scipy")
 _TRIED = 200  # values of lists that are read before anything runs
-_OF_MODES = ("begins_s", "last_begins_s")  # metrics, behind the name of a mode
 
 
 @dataclass(frozen=True)
@@ -277,7 +277,7 @@ def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str]) -> None
     for key, name in _asked(config):
         mode, _, last = name.rpartition(".")
         # One that is not like any may be of an arm that is left out here.
-        if last in _OF_MODES and mode not in modes and difflib.get_close_matches(mode, modes):
+        if last in MODE_METRICS and mode not in modes and difflib.get_close_matches(mode, modes):
             raise unknown("mode", mode, modes).at(key)
 
 

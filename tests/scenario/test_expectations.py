@@ -8,7 +8,9 @@ import pytest
 
 from forcectl.errors import BadInputError
 from forcectl.runs.terminal.tables import in_words
+from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.expectations import Expectation, Other, Term, Tolerance, Verdict, judge
+from forcectl.scenario.scenario import build
 
 METRICS = {
     "a": {"overshoot_pct": 4.0, "rise_time_s": 1.0, "settling_time_2pct_s": None},
@@ -221,3 +223,60 @@ def test_a_known_gap_that_is_met_by_more_than_it_may_drift_is_out_of_date(ours, 
     said = in_words(one)
     assert ("out of date: joint 2 sticks" in said) == stale
     assert ("met at its bound: joint 2 sticks" in said) == (passed and not stale)
+
+
+SOFT = "controller: !RecursiveVrft {}"
+# Text of a scenario, the metric that a line of it judges; how the message goes on after the key and its value.
+NEVER_THERE = [
+    ("", "align.begins_s", "must be left out, or go with an analysis !Transitions"),
+    ("", "tilt_at_switch_deg", "must be left out, or go with an analysis !KeptForce"),
+    ("", "left.overshoot_pct", "must be overshoot_pct, of the one surface"),
+    ("", "dip_in_motion_N", "must be left out without a motion along the surface"),
+    ("", "hand_over_time_s", "must be left out: no controller is tuned in the run"),
+    ("", "tracking_rms_N", "must be left out: the reference moves in steps only"),
+    ("", "step_1.overshoot_N", "must be of the reference, named without a step: there is one"),
+    ("reference: !Sequence {}\nduration: 6", "step_3.overshoot_N", "must be of the reference, step_1 to step_2"),
+    ("reference: {start_time: 1, initial_force: 5}", "step_3.overshoot_N", "must be of the reference, step_1 to step_"),
+]
+# The same where it may be there.
+THERE = [
+    ("reference: !Sequence {}\nduration: 6", "step_2.overshoot_N"),
+    ("reference: !Sine {}", "tracking_rms_N"),
+    ("motion: {distance: 0.01}", "dip_in_motion_N"),
+    (SOFT, "hand_over_time_s"),
+]
+
+
+def scenario_that_judges(tmp_path, text, metric):
+    file = tmp_path / "own.yaml"
+    file.write_text(f"expect: [{{target: t, metric: {metric}, maximum: 20}}]\n{text}\n")
+    return file
+
+
+@pytest.mark.parametrize(("text", "metric", "message"), NEVER_THERE)
+def test_a_metric_that_no_run_has_is_refused_before_the_run(tmp_path, text, metric, message):
+    file = scenario_that_judges(tmp_path, text, metric)
+    with pytest.raises(BadInputError) as caught:
+        build(file, fidelity="OneDimensional")
+    assert str(caught.value).startswith(f"own.yaml:1: expect.0.metric = '{metric}': {message}")
+    # With keys overridden it need not be there any more.
+    build(file, fidelity="OneDimensional", overrides={"duration": 7.0})
+
+
+@pytest.mark.parametrize(("text", "metric"), THERE)
+def test_a_metric_that_a_run_may_have_is_not(tmp_path, text, metric):
+    assert build(scenario_that_judges(tmp_path, text, metric), fidelity="OneDimensional")
+
+
+def test_a_misspelt_mode_in_an_expectation_is_refused():
+    tree = {**find_scenario("pipette").tree, "expect": [{"target": "t", "metric": "assembld.begins_s", "maximum": 50}]}
+    with pytest.raises(BadInputError, match=r"expect\.0\.metric: unknown mode 'assembld': did you mean 'assembled'\?"):
+        build(tree)
+
+
+def test_an_expectation_of_another_variant_or_fidelity_is_not_asked_of_this_one(tmp_path):
+    variants = "variants: {still: {}, moves: {motion: {distance: 0.01}}}"
+    file = scenario_that_judges(tmp_path, variants, "dip_in_motion_N, variant: moves")
+    assert [build(file, variant=name, fidelity="OneDimensional") for name in ("still", "moves")]
+    file = scenario_that_judges(tmp_path, variants, "dip_in_motion_N, variant: still, fidelities: [Multibody]")
+    assert build(file, variant="still", fidelity="OneDimensional")

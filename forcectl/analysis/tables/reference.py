@@ -86,6 +86,13 @@ def explanation(name: str) -> str:
     raise BadInputError(f"{unknown('metric or finding', name, near)} and {len(every) - len(near)} more")
 
 
+def analyses_of(name: str) -> list[str]:
+    """Tags of the analyses that put a metric out; none of one that runs have by themselves."""
+    last = name.rpartition(".")[2]
+    titles = [title for title, table in _TABLES.items() if last in table]
+    return [title.strip("`!") for title in titles] if all(title.startswith("`") for title in titles) else []
+
+
 def page() -> str:
     """All of them, as Markdown."""
     return "\n".join(_lines())

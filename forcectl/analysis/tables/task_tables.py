@@ -12,6 +12,7 @@ TRANSITION_METRICS: dict[str, Metric] = {
         "1", "1 if the state machine ended in a success, 2 if in a failure, else 0", "0, 1 or 2, at the last tick"
     ),
 }
+MODE_METRICS = ("begins_s", "last_begins_s")  # behind the name of a mode
 INSERTION_METRICS: dict[str, Metric] = {
     "first_contact_s": Metric("s", "when the peg first touches the bore", "first t with a true force above 0.05 N"),
     "seated_after_s": Metric(
