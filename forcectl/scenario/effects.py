@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import Field, fields
+from dataclasses import Field, fields, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -14,16 +14,18 @@ from forcectl.analysis.tables.metric_tables import GAINS, METRICS, MOTION_METRIC
 from forcectl.analysis.tables.reference import analyses_of
 from forcectl.analysis.tables.task_tables import MODE_METRICS
 from forcectl.analysis.tracking_metrics import TRACKING_METRICS
-from forcectl.errors import about, invalid, unknown
+from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
 from forcectl.motion.references import SequenceConfig, StepConfig
+from forcectl.robot.model import unit_normal
 from forcectl.scenario.catalog import find_preset
 from forcectl.scenario.schema import class_of
 from forcectl.scenario.trees import to_tree
 
 if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
+    from forcectl.diagrams.workcell import Contact
     from forcectl.plant.contact.surface_moves import SurfaceMoveConfig
     from forcectl.scenario.scenario import Scenario
 
@@ -32,6 +34,9 @@ _SHALLOWEST = 1e-6  # [m] of an excitation
 _NOTHING = 1e-9  # [Nm, N] of loads together
 _RELAXED = 1.0  # [s] damping over stiffness of a surface: rubber has some 0.1 s
 _OF_MATERIALS = ("stiffness", "damping")  # keys of an environment that its materials stand for
+_ACROSS = 1e-3  # cosine of the angle between motion and path, of a motion that goes across it
+_BESIDE = 0.01  # [m] beyond a motion, where the ball of the tool may meet something
+_EVEN = 1e-9  # [m] of heights
 # A metric: arm, joint, mode or surface; number of a step; its own name.
 _PARTS = re.compile(r"(?:(?!step_\d)(.+?)\.)?(?:step_(\d+)\.)?([^.]+)")
 # Keys of a station that a fidelity does not read, by an attribute of it and the value with which it does not.
@@ -112,7 +117,7 @@ def check_judged(scenario: Scenario, loop: Loop) -> None:
     modes = loop.signals["mode"].meanings if "mode" in loop.signals else ()
     surfaces = [contact.name for contact in loop.workcell.contacts]
     fronts, steps = surfaces if len(surfaces) > 1 else [""], _number_of_steps(scenario.reference)
-    for key, name in scenario.judged:
+    for key, name in scenario.judged if scenario.as_written else ():
         front, number, last = _PARTS.fullmatch(name).groups()  # type: ignore[union-attr]
         makers = analyses_of(name)
         if makers and not tags.intersection(makers):
@@ -195,7 +200,8 @@ def check_surfaces(scenario: Scenario, loop: Loop) -> None:
     station = scenario.station
     if station.faults and not any(hasattr(sensor, "velocity_bandwidth") for sensor in station.sensors.values()):
         raise invalid("station.faults", f"{len(station.faults)} faults", "left out without a sensor of the joints")
-    at_rest = loop.diagram.HasSubsystemNamed("motion") and scenario.motion.interval() is None
+    moves = scenario.motion.interval() is not None
+    at_rest = loop.diagram.HasSubsystemNamed("motion") and not moves
     for i, contact in enumerate(loop.workcell.contacts):
         surface = contact.surface
         if surface is None:
@@ -206,6 +212,11 @@ def check_surfaces(scenario: Scenario, loop: Loop) -> None:
                 _check_materials(scenario, contact.environment)
             if surface.turning and not (surface.slope or surface.heights):
                 raise invalid("surface.turning", True, "left out without heights or a slope: a plane does not turn")
+            for name, part in surface.heights.items():
+                if (length := getattr(part, "wavelength", 0.0)) > (most := 2 * surface.length):
+                    raise invalid(f"surface.heights.{name}.wavelength", length, f"at most {most:g} m, twice length")
+            if scenario.as_written and moves and hasattr(scenario.motion, "direction"):
+                _check_met(scenario.motion, contact)
             for name in ("slope", "heights") if at_rest and not surface.turning else ():
                 if value := getattr(surface, name):
                     shown = list(value) if name == "heights" else value
@@ -221,6 +232,24 @@ def _check_closing(scenario: Scenario, loop: Loop, index: int, moves: Sequence[S
         if move.distance > 0:
             key, before = f"surface.moves.{i}.duration", scenario.reference.largest_force()
             scenario.guard.check_closing(truth, key, move.distance, move.duration, before, links=links)
+
+
+def _check_met(motion: Any, contact: Contact) -> None:
+    """The tool goes along the path of its surface, and each of the heights varies where it goes, or close to that."""
+    surface: Any = contact.surface
+    along = float(unit_normal(motion.direction) @ surface.direction_across(contact.n))
+    several = surface.materials is not None and len(surface.materials.segments) > 1
+    if (several or surface.heights or surface.slope) and abs(along) < _ACROSS:
+        allowed = f"along motion.direction = {motion.direction}: across it nothing of the surface is seen"
+        raise invalid("surface.direction", surface.direction, allowed)
+    low, high = sorted((0.0, along * getattr(motion, "distance", 0.0)))
+    for name, part in surface.heights.items() if low < high else ():
+        alone = replace(surface, heights={name: part}, materials=None, slope=0.0, turning=False).profile(0.0)
+        places = alone.start + alone.step * np.arange(len(alone.heights))
+        met = alone.heights[(places >= low - _BESIDE) & (places <= high + _BESIDE)]
+        if np.ptp(met) < _EVEN:
+            level = f" is level where the motion goes, from {low:g} to {high:g} m: must vary there"
+            raise BadInputError(level, key=f"surface.heights.{name}")
 
 
 def _check_materials(scenario: Scenario, environment: Any) -> None:

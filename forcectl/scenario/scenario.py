@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
 LARGEST_CONTACT_FORCE = 2000.0  # [N] above it a run without a force sensor diverges
-_AS_WRITTEN = {"seed", "station.fidelity"}  # overrides with which a scenario still has what its expectations are about
+_AS_WRITTEN = {"seed", "station.fidelity"}  # overrides with which a scenario still is about the same
 
 
 @dataclass(kw_only=True, repr=False)
@@ -89,7 +89,8 @@ class Scenario(Config):
     expect: list[Expectation] = key([], "what is expected of the metrics")
 
     imports = Imports()  # what it may name, and what it names may: no key
-    judged = Judged()  # metrics that are expected of it as it is written
+    judged = Judged()  # metrics that are expected of it
+    as_written = False  # whether no override changes what it is about
 
     def __repr__(self) -> str:
         controller = to_tree(self.controller, "controller")
@@ -314,8 +315,7 @@ def _resolved(
         judged = judged_metrics(scenario.expect, variant, select_variants(file), scenario.fidelity)
     except BadInputError as error:
         raise error.at(error.key, layers.where(error.key)) from None
-    if {*(overrides or {})} <= _AS_WRITTEN:
-        scenario.judged = judged
+    scenario.as_written, scenario.judged = {*(overrides or {})} <= _AS_WRITTEN, judged
     return scenario, layers.where
 
 

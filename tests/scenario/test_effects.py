@@ -40,10 +40,24 @@ REFUSED = [
 LOAD = "!Load {wrenches: [[0, 0, 0, 5, 0, 0]]}"
 BACK = "!Load {wrenches: [[0, 0, 0, -5, 0, 0]]}"
 MOVES = "controller: !RecursiveVrft {excitation: !TrapezoidalMoves"
+
+
+def over(surface: str) -> str:
+    """A motion of 50 mm over a surface."""
+    return f"{{motion: {{distance: 0.05}}, station: {{environment: {{surface: {{{surface}}}}}}}}}"
+
+
+SURFACE = "station.environment.surface"
+HEIGHTS = f"{SURFACE}.heights"
 # Text of a whole scenario; how the message goes on after file and line.
 WITHOUT_TRACE = [
     (f"station: {{loads: [{LOAD}, {BACK}]}}", "station.loads.1.wrenches = [[0.0, 0.0, 0.0, -5.0, 0.0, 0.0]]: must be"),
     ("station: {loads: [!Load {body: base, wrenches: [[0, 0, 0, 1, 0, 0]]}]}", "station.loads.0.body = 'base': must b"),
+    (over("heights: {w: !Waves {wavelength: 5}}"), f"{HEIGHTS}.w.wavelength = 5.0: must be at most 0.4 m, twice len"),
+    (over("heights: {g: !Grooves {positions: [0.1]}}"), f"{HEIGHTS}.g is level where the motion goes, from 0 to 0.05"),
+    (over("heights: {g: !Grooves {positions: [-0.02]}}"), f"{HEIGHTS}.g is level where the motion goes, from 0 to 0."),
+    (over("heights: {g: !Grooves {}}, direction: [0, 1, 0]"), f"{SURFACE}.direction = [0.0, 1.0, 0.0]: must be along"),
+    (over("slope: 0.1, direction: [0, 1, 0]"), f"{SURFACE}.direction = [0.0, 1.0, 0.0]: must be along motion.direct"),
     ("station: {faults: [!ReadingFault {}]}", "station.faults = '1 faults': must be left out without a sensor of the"),
     ("station: {environment: {surface: {turning: true}}}", "station.environment.surface.turning = True: must be left"),
     ("station: {environment: {damping: 6000}}", "station.environment.damping = 6000.0: must be at most 5900 N s/m, 1"),
@@ -66,6 +80,9 @@ ACCEPTED = [
     "station: {environment: {surface: {heights: {w: !Waves {}}}}}\nmotion: {distance: 0.01}",
     f"preset: delay_only\nstation: {{environment: {{surface: {{{SEGMENTS}}}}}}}",
     "preset: ideal\nstation: {self_collision: false}",
+    over("heights: {g: !Grooves {positions: [0.058]}}"),
+    over("moves: [{distance: -0.001}], direction: [0, 1, 0]"),
+    "motion: {distance: 0.05, direction: [-1, 1, 0]}\nstation: {environment: {surface: {slope: 0.1}}}",
 ]
 LATER = f"station: {{loads: [{LOAD}, {BACK.replace('wrenches', 'start: 0.5, wrenches')}]}}"
 
@@ -84,6 +101,12 @@ def test_loads_that_cancel_each_other_for_a_while_are_not(tmp_path):
     file = tmp_path / "own.yaml"
     file.write_text(LATER)
     assert build(file).workcell.contact.name == "environment"
+
+
+def test_a_motion_that_an_override_cuts_short_need_not_meet_all_heights(tmp_path):
+    file = tmp_path / "own.yaml"
+    file.write_text(over("heights: {g: !Grooves {positions: [0.05]}}"))
+    assert build(file, overrides={"motion.distance": 0.01}, fidelity="OneDimensional")
 
 
 @pytest.mark.parametrize(("text", "message"), REFUSED)
