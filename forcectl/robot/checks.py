@@ -34,7 +34,9 @@ _TWIST = 1e-5, 1.0
 # with masses of 1 kg and torques of 1000 Nm, which stand for unknown ones in public models, 30.
 _STRONGEST = 100.0
 _GRAVITY = 9.81  # [m/s2]
-_SLOWEST = 20.0  # [rad/s2] of a motor at the largest torque of its joint, with its rotor alone: servos have 1e3 to 1e5
+# [rad/s2] of a motor at the largest torque of its joint, with its rotor alone: servos have 1e3 to 1e5, small ones 1e6.
+# Quicker are all of a robot by a slip of the unit; one may be by a torque that stands for an unknown one.
+_SLOWEST, _QUICKEST = 50.0, 5e6
 _SPENT = 1.0  # [s] damping over stiffness of a transmission, which has some ms
 _OF_REACH = 0.02, 5.0  # of the reach, that the characteristic length may be
 _BALL = 1.5, 1e-3  # radii, and [m] beside, from the centre of the ball of a tool to its TCP at most
@@ -208,11 +210,14 @@ def beyond_viscous(viscous: np.ndarray, torque: np.ndarray, speed: np.ndarray) -
 
 
 def _check_rotors(parameters: ControlParameters, torque: np.ndarray, turns: np.ndarray) -> None:
-    """Refuse rotors that their motors cannot turn, such as of kg cm2, and damping that hides its stiffness."""
-    most = torque / np.abs(parameters.gear_ratio) / _SLOWEST
-    if (turns & (parameters.rotor_inertia > most)).any():
-        allowed = f"at most {_rounded(most)} kg m2, motor side: {_SLOWEST:g} rad/s2 at the torque limits"
-        raise invalid("rotor_inertia", parameters.rotor_inertia.tolist(), allowed)
+    """Refuse rotors that their motors hardly turn, or turn too well, and damping that hides its stiffness."""
+    motor, rotors = torque / np.abs(parameters.gear_ratio), parameters.rotor_inertia
+    known = turns & np.isfinite(motor) & (rotors > 0)
+    too_quick = known.any() and (rotors < motor / _QUICKEST)[known].all()
+    if too_quick or (known & (rotors > motor / _SLOWEST)).any():
+        ends = f"{_rounded(motor / _QUICKEST)} to {_rounded(motor / _SLOWEST)} kg m2, motor side"
+        allowed = f"zero, or from {ends}: {_SLOWEST:g} to {_QUICKEST:g} rad/s2 at the torque limits"
+        raise invalid("rotor_inertia", rotors.tolist(), allowed)
     stiffness = parameters.stiffness()
     if (parameters.transmission_damping > _SPENT * stiffness).any():
         allowed = f"at most {_SPENT:g} s times the joint stiffness, {_rounded(_SPENT * stiffness)}"
@@ -273,6 +278,7 @@ def check_arms(robot: RobotModel) -> None:
         frames = [robot.plant.world_frame(), *(joint.frame_on_child() for joint in joints), arm.tcp_frame]
         places = np.array([frame.CalcPoseInWorld(context).translation() for frame in frames])
         lengths.append(float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()))
+        _check_neighbours(robot, arm)
         if arm.tool is not None:
             of_all = robot.source[1]
             tool = of_all[arm.name] if isinstance(of_all, Mapping) else of_all
@@ -280,6 +286,20 @@ def check_arms(robot: RobotModel) -> None:
                 _check_tool(robot, arm, context)
     if all(isinstance(joint, RevoluteJoint) for joint in robot.parts.joints):
         check_length(robot.parameters, max(lengths))
+
+
+def _check_neighbours(robot: RobotModel, arm: ArmParts) -> None:
+    """Links that are never checked against the tool of an arm are not those of another arm."""
+    plant, joints = robot.plant, robot.parts.joints
+    moved, others = (
+        set(plant.GetBodiesKinematicallyAffectedBy([joint.index() for joint in each])) if each else set()
+        for each in (joints[arm.joints], joints[: arm.joints.start] + joints[arm.joints.stop :])
+    )
+    one = robot.parameters.arms.get(arm.name)
+    for i, name in enumerate(one.tool_neighbours if one else ()):
+        if plant.GetBodyByName(name, robot.parts.instance).index() in others - moved:
+            key, allowed = f"arms.{arm.name}.tool_neighbours.{i}", "a link of this arm, or of what bears it"
+            raise invalid(key, name, f"{allowed}: ignored_collisions is for links of another arm")
 
 
 def _check_tool(robot: RobotModel, arm: ArmParts, context: Any) -> None:

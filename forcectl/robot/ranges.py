@@ -86,8 +86,8 @@ TURN = NumberRange(3, largest=4 * math.pi, unit="rad")
 GEAR_RATIO = NumberRange(largest=1e5, smallest=1e-3)
 _ACCELERATION = NumberRange(largest=1e6, smallest=1e-4, signed=False)  # [rad/s2] or [m/s2]
 _ROTOR_INERTIA = NumberRange(largest=10.0, signed=False)  # [kg m2]
-_LENGTH = NumberRange(largest=100.0, smallest=1e-9, signed=False)  # [m] of a shape
-_LENGTHS = NumberRange(3, largest=100.0, smallest=1e-9, signed=False)
+_LENGTH = NumberRange(largest=10.0, smallest=1e-9, signed=False)  # [m] of a shape
+_LENGTHS = NumberRange(3, largest=100.0, smallest=1e-9, signed=False)  # a box may be a floor
 # Of each element its numbers: attributes of a URDF, elements within of an SDF.
 NUMBERS = {
     "axis": {"xyz": NumberRange(3)},

@@ -141,6 +141,7 @@ def test_a_limit_of_the_parameters_takes_the_place_of_one_that_is_a_slip(tmp_pat
     assert [note.rpartition("; ")[2] for note in robot.parts.let_be] == [*held, *[f"let be, for {key} is given"] * 3]
 
 
+ROTORS = "[0.000466, 0.000527, 0.000466, 4.2e-05, 4.0969e-05, 4.2e-05]"
 # Of the shipped robot and tool: file, what is written there, instead, the message.
 SHIPPED = [
     (
@@ -149,7 +150,19 @@ SHIPPED = [
         "characteristic_length: 70",
         "control.yaml:13: characteristic_length = 70.0",
     ),
-    ("robot", "[0.000466, 0.000527,", "[4.66, 5.27,", "control.yaml:49: rotor_inertia = .* at most"),
+    ("robot", "[0.000466, 0.000527,", "[4.66, 5.27,", "control.yaml:49: rotor_inertia = .* zero, or from .* 50 to 5e"),
+    (
+        "robot",
+        ROTORS,
+        "[4.66e-7, 5.27e-7, 4.66e-7, 4.2e-8, 4.1e-8, 4.2e-8]",
+        "control.yaml:49: rotor_inertia = .* zero",
+    ),
+    (
+        "tool.urdf",
+        '<sphere radius="0.01"/>',
+        '<sphere radius="50"/>',
+        "sphere radius = '50': must be a number from .* 10",
+    ),
     ("robot", "[110.0, 200.0,", "[5e4, 5e4,", "transmission_damping .* at most 1 s times the joint stiffness"),
     (
         "robot",
@@ -195,3 +208,17 @@ def test_slips_in_the_folders_of_a_robot_and_a_tool_are_told(tmp_path, file, old
     with pytest.raises(BadInputError, match=message) as caught:
         RobotModel.load(*folders.values())
     assert "\n" not in str(caught.value)
+
+
+def test_links_of_the_other_arm_are_no_neighbours_of_a_tool(tmp_path):
+    folder = shutil.copytree(Path(forcectl.models.__file__).parent / "yumi", tmp_path / "yumi")
+    file = folder / "yumi.control.yaml"
+    text = file.read_text()
+    file.write_text(text.replace("[right_link_4, right_link_5]", "[robot_base, right_link_5]"))
+    assert RobotModel.load(folder, None).num_joints == 14
+    file.write_text(text.replace("[right_link_4, right_link_5]", "[right_link_4, left_link_5]"))
+    message = (
+        r"^yumi\.control\.yaml:17: arms\.right\.tool_neighbours\.1 = 'left_link_5': must be a link of this arm, or"
+    )
+    with pytest.raises(BadInputError, match=message):
+        RobotModel.load(folder, None)

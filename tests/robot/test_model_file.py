@@ -76,7 +76,7 @@ WRONG = [
     ),
     ("<damping>0<", "<damping>1e8<", "line 9: joint 'wrist': damping = 1e+08: must be from 0 to 1e+06"),
     (">100<", ">1e9<", "joint drake:gear_ratio = '1e9': must be a number from 0.001 to 100000 in size"),
-    ("<radius>0.1<", "<radius>1e8<", "line 6: sphere radius = '1e8': must be a number from 1e-09 to 100"),
+    ("<radius>0.1<", "<radius>1e8<", "line 6: sphere radius = '1e8': must be a number from 1e-09 to 10"),
     ("<mass>2<", "<mass>3</mass><mass>2<", "line 4: inertial has another <mass>: must have one"),
     ("</inertial>", "</inertial><inertial/>", "link has another <inertial>: must have one"),
     ("</limit>", "</limit><limit><lower>-2</lower></limit>", "line 8: axis has another <limit>: must have one"),

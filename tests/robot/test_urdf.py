@@ -243,8 +243,8 @@ PROBLEMS = [
     *[
         ("</inertial>", f"</inertial><collision><geometry>{shape}</geometry></collision>", message)
         for shape, message in [
-            ('<sphere radius="1e8"/>', "sphere radius = '1e8': must be a number from 1e-09 to 100"),
-            ('<sphere radius="0"/>', "sphere radius = '0': must be a number from 1e-09 to 100"),
+            ('<sphere radius="1e8"/>', "sphere radius = '1e8': must be a number from 1e-09 to 10"),
+            ('<sphere radius="0"/>', "sphere radius = '0': must be a number from 1e-09 to 10"),
             ('<mesh filename="a.obj" scale="0 0 0"/>', "mesh scale = '0 0 0': must be 3 numbers from 1e-06 to 10000"),
             ('<drake:capsule radius="-1" length="1"/>', "drake:capsule radius = '-1': must be a number from 1e-09"),
             ("", "geometry holds nothing: must hold one of box, cylinder, sphere, mesh, capsule, drake:capsule,"),
