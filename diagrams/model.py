@@ -27,6 +27,9 @@ T = TypeVar("T")
 FRICTION_KEYS = ("offset", "coulomb", "viscous_forward", "viscous_backward")
 # Lag of a measured force that does not report its own: [rad/s], [1], [s].
 NO_LAG = (1e4, 1.0, 0.0)
+# Mean of |log| from the robot's own friction, by less than which nothing is known to be exchanged, and how many times
+# nearer it would be exchanged: all joints would be wrong by a factor of 1.6, and right to 13 % in each other's place.
+_FAR, _NEARER = 0.5, 4.0
 _APART = 100.0  # times the robot's own Coulomb friction that an identified one may be, or as much less
 
 
@@ -69,10 +72,23 @@ class FrictionFile(Config):
         own = robot.parameters.coulomb_friction
         if found.coulomb.any() and own.any() and not 1 / _APART <= found.coulomb.sum() / own.sum() <= _APART:
             wrong["coulomb"] = f"in Nm, within {_APART:g} times the robot's {own.tolist()}"
+        if _exchanged(found, robot):
+            usual = f"{own.tolist()} Nm and {robot.parameters.viscous_friction.tolist()} Nms/rad"
+            wrong["coulomb"] = f"another one than viscous_forward: exchanged they would be near the robot's {usual}"
         for name, allowed in wrong.items():
             if allowed:
                 raise invalid(name, getattr(self, name).tolist(), allowed)
         return found
+
+
+def _exchanged(friction: JointFriction, robot: RobotModel) -> bool:
+    """Whether Coulomb's and viscous friction would be far nearer the robot's own in each other's place."""
+    found = np.array([friction.coulomb, friction.viscous_forward])
+    own = np.array([robot.parameters.coulomb_friction, robot.parameters.viscous_friction])
+    if not ((found > 0).all() and (own > 0).all()):
+        return False
+    as_given, exchanged = (np.abs(np.log(each / own)).mean() for each in (found, found[::-1]))
+    return bool(as_given > max(_FAR, _NEARER * exchanged))
 
 
 @dataclass(kw_only=True)

@@ -86,6 +86,13 @@ def read(tmp_path, text):
     return ModelConfig(friction=str(tmp_path / "friction.yaml")).applied(plant_model(workcell)).friction
 
 
+@pytest.mark.parametrize(("coulomb", "viscous"), [(2.0, 0.5), (0.5, 2.0), (0.7, 1.4), (0.5, 0.5)])
+def test_friction_that_differs_from_the_robots_own_is_not_taken_for_an_exchange(tmp_path, coulomb, viscous):
+    scales = {"coulomb": coulomb, "viscous_forward": viscous, "viscous_backward": viscous}
+    changes = {name: [scale * value for value in GOOD[name]] for name, scale in scales.items()}
+    np.testing.assert_allclose(read(tmp_path, str(GOOD | changes)).coulomb, changes["coulomb"])
+
+
 def test_joints_of_a_friction_file_are_found_by_name(tmp_path):
     backwards = {name: values[::-1] for name, values in GOOD.items()}
     np.testing.assert_array_equal(read(tmp_path, str(backwards)).coulomb, GOOD["coulomb"])
@@ -104,6 +111,7 @@ def test_joints_of_a_friction_file_are_found_by_name(tmp_path):
         ({"coulomb": [1.5e3] * 6}, "friction.yaml:1: coulomb .* below the torque limits"),
         ({"coulomb": [0.038] * 6}, "friction.yaml:1: coulomb .* within 100 times the robot's"),
         ({"viscous_backward": [1e4] * 6}, "friction.yaml:1: viscous_backward .* at most 10 times torque limits over"),
+        ({"coulomb": GOOD["viscous_forward"], "viscous_forward": GOOD["coulomb"]}, "exchanged they would be near the"),
         ({name: [0.0] * 6 for name in list(GOOD)[1:]}, "coulomb .* must be above zero somewhere"),
     ],
 )
