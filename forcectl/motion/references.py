@@ -197,7 +197,7 @@ class SineConfig(Config, in_batches=True):
     """Scenario part `!Sine`: `force` until `start_time`, from then on force + amplitude sin(2 pi frequency t)."""
 
     force: float = key(15.0, "mean, at least the amplitude", unit="N", bounds="not negative")
-    amplitude: float = key(5.0, "of the sine", unit="N", bounds="positive")
+    amplitude: float = key(5.0, "of the sine", unit="N", bounds="at least 0.001")
     frequency: float = key(0.5, "of the sine", unit="Hz", bounds="at least 0.0001")
     start_time: float = key(0.0, "of the sine", unit="s", bounds="not negative")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import Field, fields, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,8 @@ from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
 from forcectl.motion.references import SequenceConfig, StepConfig
+from forcectl.motion.tangential import TangentialMotionConfig
+from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import unit_normal
 from forcectl.scenario.catalog import find_preset
 from forcectl.scenario.schema import class_of
@@ -76,10 +78,14 @@ def check_effects(scenario: Scenario) -> None:
             raise invalid(key, given, "left out with ideal = true: an ideal servo has no loops and no friction")
 
 
-def unread(scenario: Scenario) -> list[str]:
-    """What a scenario says, in lines, that neither its fidelity nor another one that it is for reads.
+def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> list[str]:
+    """What a scenario says to no effect, in lines: what no fidelity that it is for reads, or nothing beside other keys.
 
     A preset is for all fidelities, and no word is lost on it.
+
+    Args:
+        scenario: as read.
+        signals: of its loop, as far as they are known.
     """
     every = [scenario.station.fidelity, *(class_of("fidelity", name) for name in scenario.fidelities)]
     names = {
@@ -98,7 +104,21 @@ def unread(scenario: Scenario) -> list[str]:
             value, own = getattr(part, field.name), usual.get(field.name) if isinstance(usual, Mapping) else None
             if field.name in names and value not in (default_of(field), own):
                 lines.append(f"{join(key, field.name)} = {value} has no effect: {scenario.fidelity} does not read it")
+        surface: Any = getattr(part, "surface", None)
+        if isinstance(surface, SurfaceConfig) and not surface.heights:
+            lines += _unused(surface, f"{key}.surface", ("length",), "there are no heights")
+    if "desired_force" not in signals and scenario.reference != StepConfig():
+        lines.append("reference has no effect: the controller takes no desired force")
+    if isinstance(scenario.motion, TangentialMotionConfig) and scenario.motion.distance == 0:
+        lines += _unused(scenario.motion, "motion", ("speed", "acceleration", "slope", "start_time"), "distance is 0")
     return lines
+
+
+def _unused(part: Any, key: str, names: Sequence[str], why: str) -> list[str]:
+    """What a part says, in lines, with another value than usual, to no effect."""
+    usual = {field.name: default_of(field) for field in fields(part)}
+    given = {name: getattr(part, name) for name in names if getattr(part, name) != usual[name]}
+    return [f"{join(key, name)} = {value} has no effect: {why}" for name, value in given.items()]
 
 
 def check_judged(scenario: Scenario, loop: Loop) -> None:
@@ -217,6 +237,13 @@ def check_surfaces(scenario: Scenario, loop: Loop) -> None:
                     raise invalid(f"surface.heights.{name}.wavelength", length, f"at most {most:g} m, twice length")
             if scenario.as_written and moves and hasattr(scenario.motion, "direction"):
                 _check_met(scenario.motion, contact)
+            if (
+                at_rest
+                and scenario.as_written
+                and surface.materials is not None
+                and len(surface.materials.segments) > 1
+            ):
+                raise invalid("surface.materials.segments", "several", "one without a motion along the surface")
             for name in ("slope", "heights") if at_rest and not surface.turning else ():
                 if value := getattr(surface, name):
                     shown = list(value) if name == "heights" else value

@@ -119,14 +119,9 @@ class Expectation(Config):
             )
 
     def _check_terms(self) -> None:
-        """A metric is compared with another one, of the same unit where it is subtracted."""
+        """Metrics that are subtracted have the same unit."""
         if self.minus is not None and self.ratio is not None:
             raise BadInputError(f"target {self.target!r}: minus and ratio must not go together")
-        for name, term in (("minus", self.minus), ("ratio", self.ratio)):
-            if term is not None and (term.metric, term.variant or self.variant) == (self.metric, self.variant):
-                raise invalid(f"{name}.metric", term.metric, "another metric, or that of another variant")
-        if self.distance_to is not None and self.distance_to.variant == self.variant:
-            raise invalid("distance_to.variant", self.distance_to.variant, "another variant")
         if self.minus is not None:
             unit, other = metric_unit(self.metric), metric_unit(self.minus.metric)
             if unit and other and unit != other:
@@ -205,17 +200,22 @@ def judged_metrics(lines: Sequence[Expectation], variant: str, names: Sequence[s
         fidelity: of the run. A line with a gap may have no value there.
 
     Raises:
-        BadInputError: a line is about a variant that there is not.
+        BadInputError: a line is about a variant that there is not, or compares a metric with itself.
     """
     found = list[tuple[str, str]]()
     for i, line in enumerate(lines):
         judged = (not line.fidelities or fidelity in line.fidelities) and fidelity not in line.gaps
-        for place, name in line.variants(names).items():
+        for place, name in (of_terms := line.variants(names)).items():
             if name not in names:
                 raise unknown("variant", name, names).at(f"expect.{i}.{place}")
             term = place.removesuffix("variant")  # of the line itself empty
+            metric = getattr(getattr(line, term[:-1]) if term else line, "metric", line.metric)
+            if term and (metric, name) == (line.metric, of_terms["variant"]):
+                if line.distance_to is not None:
+                    raise invalid(f"expect.{i}.{place}", name, "another variant")
+                raise invalid(f"expect.{i}.{term}metric", metric, "another metric, or that of another variant")
             if judged and name == variant and line.metric not in PAIR_METRICS:
-                found.append((f"expect.{i}.{term}metric", (getattr(line, term[:-1]) if term else line).metric))
+                found.append((f"expect.{i}.{term}metric", metric))
     return tuple(found)
 
 

@@ -109,6 +109,7 @@ def test_sine():
         ("force", -1.0),
         ("amplitude", -1.0),
         ("amplitude", 0.0),
+        ("amplitude", 1e-9),
         ("amplitude", 15.1),
         ("frequency", 0.0),
         ("start_time", math.nan),

@@ -57,6 +57,11 @@ WITHOUT_TRACE = [
     (over("heights: {g: !Grooves {positions: [0.1]}}"), f"{HEIGHTS}.g is level where the motion goes, from 0 to 0.05"),
     (over("heights: {g: !Grooves {positions: [-0.02]}}"), f"{HEIGHTS}.g is level where the motion goes, from 0 to 0."),
     (over("heights: {g: !Grooves {}}, direction: [0, 1, 0]"), f"{SURFACE}.direction = [0.0, 1.0, 0.0]: must be along"),
+    (
+        "station: {environment: {surface: {materials: {segments: [{material: plastic, start: -1, end: 0.01}, "
+        "{material: wood, start: 0.01, end: 1}]}}}}",
+        f"{SURFACE}.materials.segments = 'several': must be one without a motion along the surface",
+    ),
     (over("slope: 0.1, direction: [0, 1, 0]"), f"{SURFACE}.direction = [0.0, 1.0, 0.0]: must be along motion.direct"),
     ("station: {faults: [!ReadingFault {}]}", "station.faults = '1 faults': must be left out without a sensor of the"),
     ("station: {environment: {surface: {turning: true}}}", "station.environment.surface.turning = True: must be left"),
@@ -137,6 +142,37 @@ UNREAD = [
     ("gravity: false}\nfidelities: [Multibody, Kinematic]\n_: {", "Kinematic", []),
     ("}\npreset: linear\n_: {", "OneDimensional", []),
 ]
+# Text of a scenario; what has no effect beside the rest of it, for a reason that goes on like this.
+NO_EFFECT = [
+    ("motion: {speed: 0.01, slope: 0.1}", ["motion.speed = 0.01", "motion.slope = 0.1"], "distance is 0"),
+    ("motion: {speed: 0.01, distance: 0.001}", [], ""),
+    ("station: {environment: {surface: {length: 1}}}", ["station.environment.surface.length = 1.0"], "there are no he"),
+    ("station: {sensors: {}}\nreference: !Sine {}\ncontroller: !Import {path: own:Still}", ["reference"], "the contro"),
+]
+STILL = """from dataclasses import dataclass
+from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.framework import DiagramBuilder
+
+
+@dataclass
+class Still:
+    def add_to(self, builder, model):
+        inner = DiagramBuilder()
+        source = inner.AddNamedSystem("source", ConstantVectorSource(model.start))
+        inner.ExportOutput(source.get_output_port(), "joint_position_command")
+        return builder.AddNamedSystem("still", inner.Build())
+"""
+
+
+@pytest.mark.parametrize(("text", "said", "why"), NO_EFFECT)
+def test_a_key_that_has_no_effect_beside_others_is_told(tmp_path, text, said, why):
+    (tmp_path / "own.py").write_text(STILL)
+    file = tmp_path / "own.yaml"
+    file.write_text(f"duration: 0.4\n{text}\n")
+    (found,) = run(file, fidelity="OneDimensional").findings.values()
+    lines = [one.text.split(" has no effect: ") for one in found if one.kind == "key_unread"]
+    assert [key for key, _ in lines] == said
+    assert all(reason.startswith(why) for _, reason in lines)
 
 
 @pytest.mark.parametrize(("text", "fidelity", "said"), UNREAD)

@@ -10,7 +10,7 @@ from forcectl.errors import BadInputError
 from forcectl.runs.terminal.tables import in_words
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.expectations import Expectation, Other, Term, Tolerance, Verdict, judge
-from forcectl.scenario.scenario import build
+from forcectl.scenario.scenario import build, load_scenario
 
 METRICS = {
     "a": {"overshoot_pct": 4.0, "rise_time_s": 1.0, "settling_time_2pct_s": None},
@@ -272,6 +272,34 @@ def test_a_misspelt_mode_in_an_expectation_is_refused():
     tree = {**find_scenario("pipette").tree, "expect": [{"target": "t", "metric": "assembld.begins_s", "maximum": 50}]}
     with pytest.raises(BadInputError, match=r"expect\.0\.metric: unknown mode 'assembld': did you mean 'assembled'\?"):
         build(tree)
+
+
+@pytest.mark.parametrize(
+    ("rest", "message"),
+    [
+        (
+            "ratio: {metric: rise_time_s, variant: a}",
+            "ratio.metric = 'rise_time_s': must be another metric, or that of",
+        ),
+        (
+            "minus: {metric: rise_time_s, variant: a}",
+            "minus.metric = 'rise_time_s': must be another metric, or that of",
+        ),
+    ],
+)
+def test_the_first_variant_by_name_is_compared_with_itself_too(tmp_path, rest, message):
+    file = scenario_that_judges(tmp_path, "variants: {a: {}, b: {seed: 2}}", f"rise_time_s, {rest}")
+    with pytest.raises(BadInputError) as caught:
+        load_scenario(file)
+    assert message in str(caught.value)
+    file = scenario_that_judges(tmp_path, "variants: {a: {}, b: {seed: 2}}", f"rise_time_s, {rest.replace('a}', 'b}')}")
+    assert load_scenario(file)
+
+
+def test_a_force_has_no_distance_from_itself(tmp_path):
+    file = scenario_that_judges(tmp_path, "", "force_distance_N, distance_to: {variant: default}")
+    with pytest.raises(BadInputError, match=r"expect\.0\.distance_to\.variant = 'default': must be another variant$"):
+        load_scenario(file)
 
 
 def test_an_expectation_of_another_variant_or_fidelity_is_not_asked_of_this_one(tmp_path):

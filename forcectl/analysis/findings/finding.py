@@ -113,9 +113,7 @@ KINDS: dict[str, Kind] = {
     "guarded": Kind(Severity.WARNING, "the guard held, slowed down or took back the command, and passed it on again"),
     "guard_stopped": Kind(Severity.ERROR, "the guard took the command over and stopped"),
     "friction_unknown": Kind(Severity.WARNING, "friction was to be identified, and the run does not excite a joint"),
-    "key_unread": Kind(
-        Severity.INFO, "a key of the station has another value than usual, which the fidelity does not read"
-    ),
+    "key_unread": Kind(Severity.INFO, "a key has another value than usual, and no effect"),
     "held": Kind(Severity.WARNING, "a controller braked or held its joints, with a solution"),
 }
 

@@ -29,6 +29,7 @@ MATERIALS = {"springs": 5.9e3, "aluminium": 5.0e4, "wood": 1.55e5, "plastic": 2.
 _CLOSE = 1e-9  # [m] between two segments that count as joined
 _FARTHEST = 2.0  # [m] that a path goes to both sides
 _LARGEST_HEIGHT = 0.05  # [m]
+_STEP = 1e-3  # [m] between two materials, which may be steeper than a slope of 1
 
 
 @dataclass(kw_only=True)
@@ -120,6 +121,9 @@ class MaterialsConfig(Config):
                 fault = "an overlap" if after.start < before.end else "a gap"
                 joined = f"{before.end:g} m, where {before.material} ends: there is {fault}"
                 raise invalid(f"segments.{self.segments.index(after)}.start", after.start, joined)
+            if abs(after.height - before.height) > (most := max(_STEP, 2 * self.blend / math.pi)):
+                allowed = f"within {most:.3g} m of the one before it, {before.height:g} m: a step, or a slope of 1 m/m"
+                raise invalid(f"segments.{self.segments.index(after)}.height", after.height, f"{allowed} over blend")
         shortest = min((segment.end - segment.start for segment in ordered[1:-1]), default=math.inf)
         if self.blend > shortest + _CLOSE:
             raise invalid("blend", self.blend, f"at most the shortest segment between two joints, {shortest:g} m")

@@ -114,6 +114,10 @@ PLASTIC = {"material": "plastic", "start": -0.1, "end": 0.02}
         ({"stiffness": 0.0}, "segments.1.stiffness = 0.0: must be positive"),
         ({"damping": -1.0}, "segments.1.damping = -1.0: must be not negative"),
         ({"height": 1.0}, "segments.1.height = 1.0: must be from -0.05 to 0.05"),
+        (
+            {"height": 0.05},
+            "segments.1.height = 0.05: must be within 0.00127 m of the one before it, 0 m: a step, or a",
+        ),
         ({"end": 0.01}, "segments.1.end = 0.01: must be above start = 0.02 m"),
         ({"start": 0.01}, "segments.1.start = 0.01: must be 0.02 m, where plastic ends: there is an overlap"),
         ({"start": 0.03}, "segments.1.start = 0.03: must be 0.02 m, where plastic ends: there is a gap"),
