@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 import forcectl
 from forcectl.analysis.tables.metric_tables import is_metric, metric_range, unknown_metric
+from forcectl.analysis.tables.reference import analyses_of
 from forcectl.analysis.tables.task_tables import MODE_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
@@ -212,12 +213,14 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
         numbers |= dict.fromkeys(study.number((int(point), 0), 0) for point in points)
     own_metrics = False
     modes: dict[str, None] = {}  # of all arms, in order
+    analyses = set[str]()  # tags of those of all trials that are read
     arms: dict[str, Tagged] = {}
     for number in numbers:
         trial = study.trial(number)
         changes = study.overrides(trial)
         try:
             scenario = resolve(study.file, study.variant, changes)
+            analyses |= {to_tree(each, "analysis").tag or "" for each in scenario.analyses.values()}
             if number < len(study.arms):
                 arms[trial.arm] = tree = to_tree(scenario)
                 twin = next(name for name, other in arms.items() if equal(tree, other))
@@ -235,7 +238,7 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
                         raise unknown("signal", name, loop.signals).at("envelope")
         except BadInputError as error:
             raise _placed(error, study, trial, sweep) from error.__cause__
-    _check_metrics(study.config, own_metrics, list(modes))
+    _check_metrics(study.config, own_metrics, list(modes), analyses)
 
 
 def unknown_metrics(config: SweepConfig) -> dict[str, str]:
@@ -260,9 +263,10 @@ def _conditions(config: SweepConfig) -> list[tuple[str, Expression]]:
     return [(key, Expression(text, key)) for key, text in asked.items() if text]
 
 
-def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str]) -> None:
+def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str], analyses: set[str]) -> None:
     """BadInputError for conditions that are settled, and for the name of a metric that no run has.
 
+    One of a shipped analysis must be of one that a trial has, with these tags, `analyses`.
     Of a mode, it must not look like another one that the state machine of an arm has, of these `modes`.
 
     That a metric is not negative may be asked for: it is so where there is one. Of a scenario with an analysis of the
@@ -274,6 +278,9 @@ def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str]) -> None
     if not own:
         for key, name in reversed(unknown_metrics(config).items()):
             raise unknown_metric(name).at(key)
+        for key, name in _asked(config):
+            if (makers := analyses_of(name)) and not analyses.intersection(makers):
+                raise BadInputError(f" asks for {name}: must go with an analysis !{' or !'.join(makers)}", key=key)
     for key, name in _asked(config):
         mode, _, last = name.rpartition(".")
         # One that is not like any may be of an arm that is left out here.

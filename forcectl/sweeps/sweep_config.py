@@ -118,6 +118,8 @@ class SweepConfig(Config):
         for i, name in enumerate(self.compare):
             if name not in self.arms:
                 raise unknown("arm", name, self.arms).at(f"compare.{i}")
+        if self.compare and not self.success:
+            raise BadInputError(" is missing: `compare` needs a condition to count", key="success")
         self._check_overlaps()
         self.seed_list()
         findings = {f"findings.{name}": text for name, text in self.findings.items()}
@@ -169,7 +171,7 @@ def _joined(condition: str) -> list[str]:
 
 
 _INSTEAD = {"seed": "use `seeds`", "variants": "use `arms`", "case": "use `cases`"} | dict.fromkeys(
-    ("title", "source", "description", "fidelities", "expect"), "it says nothing of what is simulated"
+    ("title", "source", "description", "fidelities", "expect", "log"), "it says nothing of what is simulated"
 )
 
 

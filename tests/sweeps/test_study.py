@@ -170,6 +170,28 @@ def test_a_misspelt_mode_in_the_name_of_a_metric_is_refused(keys, place):
         study(**MACHINE, **keys)
 
 
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"success": "inserted == 1"}, "^sweep: success asks for inserted: must go with an analysis !Insertion$"),
+        ({"shown": ["left.reached"]}, "^sweep: shown.0 asks for left.reached: must go with an analysis !Reaching$"),
+        (
+            {"compare": ["a", "b"], "arms": {"a": {}, "b": {GAIN: 2.0}}},
+            "success is missing: `compare` needs a condition",
+        ),
+        ({"keys": {"log": [[], ["controller.status"]]}}, "keys.log cannot be varied: it says nothing of what is"),
+    ],
+)
+def test_what_no_trial_can_say_is_refused(keys, message):
+    with pytest.raises(BadInputError, match=message):
+        study(**keys)
+
+
+def test_an_analysis_of_one_arm_is_enough_for_its_metrics():
+    reaching = {"analyses": {"transitions": drawn("!Transitions {}")}}
+    assert study(**MACHINE, success="ended == 1", arms={"a": reaching, "b": {"duration": 1.0}}).size == 2
+
+
 def test_a_mode_of_any_arm_may_stand_in_the_name_of_a_metric():
     study(**MACHINE, findings={"stuck": "jammed.begins_s > 0"}, arms={"a": {}, "b": {"duration": 1.0}})
 
