@@ -42,8 +42,9 @@ def test_a_sweep_shards_merge_and_status(forcectl, tmp_path):
 
 def test_a_shard_without_trials_says_so(forcectl, tmp_path):
     file = write(tmp_path, arms={}, keys={STIFFNESS: [1e5]}, seeds=1)
-    code, out, _ = forcectl("sweep", file, "--shard", "2/2", "--out", "none", "--engine", "sequential", "--no-report")
+    code, out, _ = forcectl("sweep", file, "--shard", "2/2", "--out", "none", "--engine", "sequential")
     assert (code, out.splitlines()[0]) == (0, "no trials in this shard")
+    assert (tmp_path / "none" / "report.html").is_file()
     assert forcectl("sweep", "--status", "none") == (0, "small: 0 trials\n", "")
 
 

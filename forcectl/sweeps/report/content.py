@@ -165,7 +165,7 @@ def arms_table(study: Study, table: pd.DataFrame) -> TextTable:
     rows: list[list[Any]] = []
     for rate in rates(study, table):
         own = table[(table["arm"] == rate.arm) & table["state"].isin(["done", "failed"])]
-        noted = own["findings"].str.split(", ").explode().value_counts()
+        noted = own["findings"].astype(str).str.split(", ").explode().value_counts()
         failed = int((own["state"] == "failed").sum())
         interval = f"{100 * rate.low:.1f} to {100 * rate.high:.1f}" if rate.trials else _NOTHING
         share = f"{100 * rate.share:.1f}" if rate.trials else _NOTHING
