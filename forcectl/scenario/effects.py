@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 
 _SLOW = ("_gain", "_bandwidth", "_rate", "bandwidth")  # ends of keys in 1/s or rad/s that are one over a time
 _SHALLOWEST = 1e-6  # [m] of an excitation
-_NOTHING = 1e-9  # [Nm, N] of loads together
+_NOTHING = 1e-4  # [Nm, N] of loads together
 _RELAXED = 1.0  # [s] damping over stiffness of a surface: rubber has some 0.1 s
 _OF_MATERIALS = ("stiffness", "damping")  # keys of an environment that its materials stand for
 _ACROSS = 1e-3  # cosine of the angle between motion and path, of a motion that goes across it
 _BESIDE = 0.01  # [m] beyond a motion, where the ball of the tool may meet something
-_EVEN = 1e-9  # [m] of heights
+_EVEN = 1e-7  # [m] of heights: 0.1 N on 1e6 N/m
 # A metric: arm, joint, mode or surface; number of a step; its own name.
 _PARTS = re.compile(r"(?:(?!step_\d)(.+?)\.)?(?:step_(\d+)\.)?([^.]+)")
 # Keys of a station that a fidelity does not read, by an attribute of it and the value with which it does not.
@@ -203,7 +203,8 @@ def _check_loads(loads: Sequence[Any]) -> None:
         times = sorted({time for load in own for time in load.edges()})
         between = [0.5 * (one + other) for one, other in pairwise(times)]
         if all(np.abs(sum(load.wrench(time) for load in own)).max() < _NOTHING for time in between):
-            allowed = f"other than what cancels the loads before it: together {len(own)} loads are none at any time"
+            other = f"other than what cancels the loads before it: together {len(own)} loads are none at any time"
+            allowed = other if len(own) > 1 else f"above {_NOTHING:g} N or Nm at some time"
             raise invalid(f"station.loads.{numbers[-1]}.wrenches", own[-1].wrenches, allowed)
 
 

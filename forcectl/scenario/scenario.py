@@ -153,7 +153,7 @@ class Scenario(Config):
         """All findings of a run, the worst first; those of equal severity by their times."""
         findings = self.findings.found(log, setting, self.motion.interval())
         if "key_unread" not in self.findings.ignore:
-            findings += [finding("key_unread", line) for line in unread(self, log)]
+            findings += [finding("key_unread", line) for line in unread(self, {*map(str, log)})]
         for name, analysis in self.analyses.items():
             if hasattr(analysis, "findings"):
                 findings += self.asked(name, "findings", log, setting, kind=list)

@@ -51,6 +51,11 @@ SURFACE = "station.environment.surface"
 HEIGHTS = f"{SURFACE}.heights"
 # Text of a whole scenario; how the message goes on after file and line.
 WITHOUT_TRACE = [
+    (
+        "station: {loads: [!Load {wrenches: [[0, 0, 0, 1e-6, 0, 0]]}]}",
+        "station.loads.0.wrenches = [[0.0, 0.0, 0.0, 1e-06, 0.0, 0.0]]: must be above 0.0001 N or Nm at some time",
+    ),
+    (over("heights: {w: !Waves {amplitude: 1e-9}}"), f"{HEIGHTS}.w is level where the motion goes, from 0 to 0.05 m:"),
     (f"station: {{loads: [{LOAD}, {BACK}]}}", "station.loads.1.wrenches = [[0.0, 0.0, 0.0, -5.0, 0.0, 0.0]]: must be"),
     ("station: {loads: [!Load {body: base, wrenches: [[0, 0, 0, 1, 0, 0]]}]}", "station.loads.0.body = 'base': must b"),
     (over("heights: {w: !Waves {wavelength: 5}}"), f"{HEIGHTS}.w.wavelength = 5.0: must be at most 0.4 m, twice len"),

@@ -80,7 +80,7 @@ def check_contact(record: Recorded, fit: VrftFit) -> None:
     if float(record.u @ record.y) > 0:
         raise BadInputError(
             f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
-            "displacement and a positive force; use --flip-input where displacements into the surface are positive"
+            "displacement and a positive force; --flip-input is for files in which pressing is a positive displacement"
         )
     force = record.y + record.y_rest
     if (largest := float(force.max())) <= _PULL * abs(smallest := float(force.min())):
