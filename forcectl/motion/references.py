@@ -142,6 +142,11 @@ class StepConfig(_ForceReference, Config, in_batches=True):
     start_time: float = key(0.0, "of the step", unit="s", bounds="not negative")
     initial_force: float = key(0.0, "until the step", unit="N", bounds="not negative", each=True)
 
+    @property
+    def number_of_steps(self) -> int:
+        """How many steps it makes, from zero on."""
+        return 1 + (self.start_time > 0 and bool(np.any(self.initial_force)))
+
     def trajectory(self) -> PiecewisePolynomial | ArrayLike:
         """The reference over time [N]."""
         if self.start_time < _SHORTEST:
@@ -234,6 +239,11 @@ class SequenceConfig(_ForceReference, Config, in_batches=True):
         if len(self.forces) != len(self.times):
             wrong = f" has {len(self.forces)} values: must have as many as times, {len(self.times)}"
             raise BadInputError(wrong, key="forces")
+
+    @property
+    def number_of_steps(self) -> int:
+        """How many steps it makes, from zero on."""
+        return sum(one != other for one, other in pairwise([0.0, *self.forces]))
 
     def trajectory(self) -> PiecewisePolynomial:
         """The reference over time [N]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import Field, fields, replace
+from dataclasses import Field, fields, is_dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +17,6 @@ from forcectl.analysis.tracking_metrics import TRACKING_METRICS
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
-from forcectl.motion.references import SequenceConfig, StepConfig
-from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import unit_normal
 from forcectl.scenario.catalog import find_preset
@@ -107,17 +105,22 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
         surface: Any = getattr(part, "surface", None)
         if isinstance(surface, SurfaceConfig) and not surface.heights:
             lines += _unused(surface, f"{key}.surface", ("length",), "there are no heights")
-    if "desired_force" not in signals and scenario.reference != StepConfig():
+    usual_reference = next(default_of(field) for field in fields(scenario) if field.name == "reference")
+    if "desired_force" not in signals and scenario.reference != usual_reference:
         lines.append("reference has no effect: the controller takes no desired force")
-    if isinstance(scenario.motion, TangentialMotionConfig) and scenario.motion.distance == 0:
+    if getattr(scenario.motion, "distance", None) == 0:
         lines += _unused(scenario.motion, "motion", ("speed", "acceleration", "slope", "start_time"), "distance is 0")
     return lines
 
 
 def _unused(part: Any, key: str, names: Sequence[str], why: str) -> list[str]:
     """What a part says, in lines, with another value than usual, to no effect."""
-    usual = {field.name: default_of(field) for field in fields(part)}
-    given = {name: getattr(part, name) for name in names if getattr(part, name) != usual[name]}
+    own = (
+        (field, getattr(part, field.name))
+        for field in (fields(part) if is_dataclass(part) else ())
+        if field.name in names
+    )
+    given = {field.name: value for field, value in own if value != default_of(field)}
     return [f"{join(key, name)} = {value} has no effect: {why}" for name, value in given.items()]
 
 
@@ -136,7 +139,7 @@ def check_judged(scenario: Scenario, loop: Loop) -> None:
     tags = {to_tree(each, "analysis").tag for each in scenario.analyses.values()}
     modes = loop.signals["mode"].meanings if "mode" in loop.signals else ()
     surfaces = [contact.name for contact in loop.workcell.contacts]
-    fronts, steps = surfaces if len(surfaces) > 1 else [""], _number_of_steps(scenario.reference)
+    fronts, steps = surfaces if len(surfaces) > 1 else [""], getattr(scenario.reference, "number_of_steps", None)
     for key, name in scenario.judged if scenario.as_written else ():
         front, number, last = _PARTS.fullmatch(name).groups()  # type: ignore[union-attr]
         makers = analyses_of(name)
@@ -159,14 +162,6 @@ def check_judged(scenario: Scenario, loop: Loop) -> None:
         if steps is not None and number and (int(number) > steps or steps == 1):
             counted = f"step_1 to step_{steps}" if steps > 1 else "named without a step: there is one"
             raise invalid(key, name, f"of the reference, {counted}")
-
-
-def _number_of_steps(reference: Any) -> int | None:
-    """Of a reference of steps only, from zero on; None of any other."""
-    if isinstance(reference, StepConfig):
-        return 1 + (reference.start_time > 0 and reference.initial_force > 0)
-    forces = reference.forces if isinstance(reference, SequenceConfig) else ()
-    return sum(one != other for one, other in pairwise([0.0, *forces])) or None
 
 
 def check_lengths(scenario: Scenario, longest: float, words: str) -> None:

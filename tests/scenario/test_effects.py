@@ -149,7 +149,7 @@ UNREAD = [
 ]
 # Text of a scenario; what has no effect beside the rest of it, for a reason that goes on like this.
 NO_EFFECT = [
-    ("motion: {speed: 0.01, slope: 0.1}", ["motion.speed = 0.01", "motion.slope = 0.1"], "distance is 0"),
+    ("motion: {speed: 0.01, slope: 0.1}", ["motion.slope = 0.1", "motion.speed = 0.01"], "distance is 0"),
     ("motion: {speed: 0.01, distance: 0.001}", [], ""),
     ("station: {environment: {surface: {length: 1}}}", ["station.environment.surface.length = 1.0"], "there are no he"),
     ("station: {sensors: {}}\nreference: !Sine {}\ncontroller: !Import {path: own:Still}", ["reference"], "the contro"),
