@@ -150,17 +150,17 @@ class Scenario(Config):
         return own
 
     def found(self, log: xr.Dataset, setting: Setting) -> list[RunFinding]:
-        """All findings of a run, the worst first; those of equal severity by their times."""
+        """The findings of a run that are not ignored, the worst first; those of equal severity by their times."""
         findings = self.findings.found(log, setting, self.motion.interval())
-        if "key_unread" not in self.findings.ignore:
-            findings += [finding("key_unread", line) for line in unread(self, {*map(str, log)})]
+        findings += [finding("key_unread", line) for line in unread(self, {*map(str, log)})]
         for name, analysis in self.analyses.items():
             if hasattr(analysis, "findings"):
                 findings += self.asked(name, "findings", log, setting, kind=list)
         for one in findings:
             if not isinstance(one, RunFinding):
                 raise RunFailedError(f"analyses: findings must be a list of RunFinding, not of {type(one).__name__}")
-        return sorted(findings, key=lambda one: (-one.severity, math.inf if one.time is None else one.time))
+        said = [one for one in findings if one.kind not in self.findings.ignore]
+        return sorted(said, key=lambda one: (-one.severity, math.inf if one.time is None else one.time))
 
     def figures(
         self, log: xr.Dataset, title: str, findings: Mapping[str, Sequence[RunFinding]] | None = None

@@ -295,7 +295,8 @@ def test_forces_are_compared_at_the_ticks_of_the_other_variant(tmp_path):
     file.write_text(
         "{controller: {integral_gain: 3.0}, reference: {force: 15}, station: {fidelity: OneDimensional},\n"
         "variants: {short: {duration: 0.6}, long: {duration: 0.8}}, fidelities: [OneDimensional], expect: [\n"
-        "{target: t, metric: force_distance_N, variant: short, distance_to: {variant: long, until_pct: 50}, maximum: 0.1}]}"
+        "{target: t, metric: force_distance_N, variant: short, distance_to: {variant: long, until_pct: 50},"
+        " maximum: 0.1}]}"
     )
     assert [verdict.ours for verdict in fc.run(file).verdicts] == [0.0]
 

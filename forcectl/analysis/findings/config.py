@@ -57,20 +57,19 @@ class FindingsConfig(Config):
         check_distinct("ignore", self.ignore)
 
     def found(self, log: Any, setting: Setting, motion: tuple[float, float] | None) -> list[RunFinding]:
-        """The findings of one variant that are not ignored, by what they are of: surfaces, joints, tasks, guard.
+        """The findings of one variant, ignored ones as well, by what they are of: surfaces, joints, tasks, guard.
 
         Args:
             log: over time.
             setting: of the run.
             motion: begin and end of the motion along the surface [s]; None without one.
         """
-        every = [
+        return [
             *self._of_surfaces(log, setting, motion),
             *joint_findings(log, setting, self),
             *task_findings(log, setting),
             *guard_findings(log),
         ]
-        return [one for one in every if one.kind not in self.ignore]
 
     def _of_surfaces(self, log: Any, setting: Setting, motion: tuple[float, float] | None) -> Iterator[RunFinding]:
         if "desired_force" not in log or "measured_force" not in log:

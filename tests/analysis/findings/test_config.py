@@ -80,6 +80,10 @@ def test_an_analysis_of_ones_own_adds_findings():
     assert result.has_finding("warning")
     assert not result.has_finding("error")
     assert findings_lines(fc.run(calm).findings) == ["findings: none"]
+    told_by_own = RunFinding("friction_unknown", Severity.WARNING, "no friction")
+    ignored = {"findings.ignore": ["not_settled", "friction_unknown"]}
+    both = calm | {"analyses": {"own": Own([told_by_own, mine])}}
+    assert fc.run(both, overrides=ignored).findings["default"] == [mine]
     with pytest.raises(RunFailedError, match=r"analyses.own: findings must return a list, not dict"):
         fc.run(calm | {"analyses": {"own": Own({})}})
     with pytest.raises(RunFailedError, match=r"findings must be a list of RunFinding, not of str"):
