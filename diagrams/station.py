@@ -55,8 +55,10 @@ class StationConfig(Config):
     self_collision: bool | None = key(
         None, "links that touch push each other (Multibody); null: those of several arms, if they have shapes"
     )
-    period: float | None = key(None, "control tick; null: that of the control parameters", unit="s", bounds="positive")
-    time_step: float = key(0.001, "step of the MultibodyPlant, divides the period", unit="s", bounds="positive")
+    period: float | None = key(
+        None, "control tick; null: that of the control parameters", unit="s", bounds="from 0.0001 to 1"
+    )
+    time_step: float = key(0.001, "step of the MultibodyPlant, divides the period", unit="s", bounds="from 1e-05 to 1")
     posture_period: float = key(
         0.04, "how often what depends on the posture only is renewed, whole periods", unit="s", bounds="positive"
     )

@@ -47,7 +47,7 @@ CASES = [
         ["run", "fig_2_7", "--set", "station.environment.damping=-1"],
         ["station.environment.damping = -1", "not negative"],
     ),
-    (["run", "fig_2_7", "--set", "station.period=0"], ["station.period = 0", "must be positive"]),
+    (["run", "fig_2_7", "--set", "station.period=0"], ["station.period = 0", "must be from 0.0001 to 1"]),
     (["run", "fig_2_7", "--set", "station.period=0.0015"], ["station.period = 0.0015", "whole multiple of time_step"]),
     (
         ["run", "fig_2_7", "--set", "station.sensors.force.delay=0.003"],

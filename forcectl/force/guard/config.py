@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.force.guard.estimate import estimate_of, largest_jump, quiet_bandwidth
+from forcectl.force.guard.estimate import estimate_of, largest_jump, live_repeats, quiet_bandwidth
 from forcectl.force.guard.first_touch import BEGINS, TURNS, touch_gain
 from forcectl.force.guard.guard import ControllerGuard
 from forcectl.force.guard.limits import GuardLimits
@@ -99,6 +99,7 @@ class GuardConfig(Config):
         settles = _SETTLES + model.sensor_lag
         ahead = 0.0 if self.maximum_force is None else self.reaction_time + model.sensor_delay
         noise = math.hypot(model.sensor_noise, model.sensor_quantum / math.sqrt(12))
+        repeats = live_repeats(model.sensor_noise, model.sensor_quantum, model.sensor_bandwidth, period)
         most = quiet_bandwidth(noise, force, ahead, period)
         lag, square, share = estimate_of(model.sensor_bandwidth, model.sensor_damping_ratio, period, most)
         return GuardLimits(
@@ -115,8 +116,8 @@ class GuardConfig(Config):
             turn=min(ahead, TURNS + model.sensor_delay),
             settle_own=1.0 - math.exp(-period / (TURNS + model.sensor_delay)),
             keep_own=math.exp(-period / _EXPLAINED),
-            # Readings of a noisy sensor do not repeat themselves, where the noise is not lost in its steps.
-            same=self.frozen_time / period if model.sensor_noise > model.sensor_quantum / 4 else math.inf,
+            repeats=repeats,
+            same=max(self.frozen_time / period, repeats),
             deeper=compliance * range_ * _DEEPER,
             compliance=own,
             gap=float(np.broadcast_to(model.gap, model.size)[index]) if model.size else 0.0,

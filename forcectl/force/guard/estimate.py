@@ -7,6 +7,7 @@ import math
 _AHEAD = 32.0  # largest bandwidth of the estimate, in bandwidths of the sensor
 _FASTEST = 0.8  # largest bandwidth of the estimate, times a tick
 _MADE_UP = 0.8  # of the sensor's lag: with all of it, rises that a law ends by itself look like more than there will be
+_NEVER = 1e-9  # probability of equal readings that a live sensor does not show
 _QUIET = 0.04  # standard deviation of a force looked at ahead, of the largest force
 
 
@@ -54,3 +55,21 @@ def largest_jump(bandwidth: float, period: float, force: float) -> float:
         force: R [N].
     """
     return 4.0 * force * (bandwidth * period) ** 2 if bandwidth * period < 0.5 else math.inf
+
+
+def live_repeats(noise: float, quantum: float, bandwidth: float, period: float) -> float:
+    """Equal readings in a row that a sensor does not show as long as it lives; infinite without noise [ticks].
+
+    A filter shows all that comes before it. Without one, readings of a force in the middle of a step stay the same with
+    the probability that the noise does not leave the step.
+
+    Args:
+        noise: standard deviation per tick [N].
+        quantum: step of the readings [N].
+        bandwidth: w of the filter [rad/s].
+        period: Ts [s].
+    """
+    if noise > quantum / 4 and bandwidth * period < 1.0:
+        return 0.0
+    stays = math.erf(quantum / (math.sqrt(8) * noise)) if noise > 0.0 else 1.0
+    return math.inf if stays == 1.0 else math.log(_NEVER) / math.log(stays) if stays > 0.0 else 0.0

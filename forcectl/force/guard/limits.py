@@ -49,7 +49,8 @@ class GuardLimits(NamedTuple):
         turn: of what the command's own way explains [s].
         settle_own: of a tick in the lag until the estimate shows a way of the command [1].
         keep_own: of a rate that such a way explains, in a tick [1].
-        same: ticks of equal readings of a frozen sensor; infinite for one without noise.
+        repeats: ticks of equal readings that a live sensor does not show; infinite for one without noise.
+        same: ticks of equal readings of a frozen sensor; the same.
         deeper: way into the surface on which a live sensor shows something else [m].
         compliance: C_T of the model [m/N].
         gap: way to the surface at the start [m].
@@ -78,6 +79,7 @@ class GuardLimits(NamedTuple):
     turn: float
     settle_own: float
     keep_own: float
+    repeats: float
     same: float
     deeper: float
     compliance: float

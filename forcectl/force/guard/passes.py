@@ -98,7 +98,7 @@ def _frozen(limits: GuardLimits, measured: Array, command: Array) -> bool:
     before = _before(command)
     start = np.maximum.accumulate(np.where(np.diff(measured, prepend=np.nan) != 0.0, tick, 0))
     same = tick - start
-    deeper = (measured > 0.0) & (before[start] - before > limits.deeper)
+    deeper = ((measured > 0.0) | (same > limits.repeats)) & (before[start] - before > limits.deeper)
     return bool(((same > TOGETHER) & ((same >= limits.same) | deeper)).any())
 
 

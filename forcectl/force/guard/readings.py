@@ -168,7 +168,9 @@ def read(
     elif energy > limits.energy:
         fault = Cause.ENERGY
     elif same > TOGETHER and (
-        same >= limits.same or (good > 0.0 and (anchor - depth > limits.deeper or blind > limits.force))
+        same >= limits.same
+        # Without a force a sensor without noise shows the same, too.
+        or ((good > 0.0 or same > limits.repeats) and (anchor - depth > limits.deeper or blind > limits.force))
     ):
         fault = Cause.FROZEN
     elif asked > 0.0 and worth > limits.force and good < limits.response * worth:

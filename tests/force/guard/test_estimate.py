@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import bilinear_zpk, lfilter, zpk2tf
 
-from forcectl.force.guard.estimate import estimate_of, quiet_bandwidth
+from forcectl.force.guard.estimate import estimate_of, live_repeats, quiet_bandwidth
 
 PERIOD = 0.002
 
@@ -25,6 +25,20 @@ def test_noise_of_a_force_looked_at_ahead_is_a_share_of_the_largest(noise, force
 def test_without_noise_or_without_looking_ahead_nothing_slows_it():
     assert quiet_bandwidth(0.0, 20.0, 0.12, PERIOD) == math.inf
     assert quiet_bandwidth(0.5, 20.0, 0.0, PERIOD) == math.inf
+
+
+@pytest.mark.parametrize("noise", [0.15, 0.25, 0.5])
+def test_readings_of_a_live_sensor_repeat_themselves_less_than_that(noise):
+    """0.5 N are the step of the readings; the longest run of 1e6 is met once, that of `live_repeats` once in 1e9."""
+    readings = np.round(noise / 0.5 * np.random.default_rng(8).standard_normal(1_000_000))
+    changes = np.flatnonzero(np.diff(readings))
+    longest, allowed = np.diff(changes).max() - 1, live_repeats(noise, 0.5, math.inf, PERIOD)
+    assert 0.4 * allowed < longest < 0.85 * allowed
+
+
+def test_a_filter_shows_what_comes_before_it_and_without_noise_all_readings_may_be_the_same():
+    assert live_repeats(0.05, 0.05, 12.6, PERIOD) == live_repeats(0.05, 0.0, math.inf, PERIOD) == 0.0
+    assert live_repeats(0.0, 0.05, 12.6, PERIOD) == live_repeats(0.0, 0.0, math.inf, PERIOD) == math.inf
 
 
 @pytest.mark.parametrize(

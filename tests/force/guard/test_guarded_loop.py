@@ -297,6 +297,26 @@ def test_a_sensor_that_freezes_while_the_command_goes_on_is_held_by_the_way(stif
     assert signal(run, "status")[-1] // 10 % 10 == 2
 
 
+@pytest.mark.parametrize("stiffness", [9e4, 2e5])
+def test_a_sensor_that_has_never_shown_a_force_is_held_by_the_way(stiffness):
+    """It is dead from the start, and shows no noise either."""
+    sensors = {"force": WristForceConfig(faults=[ForceFaultConfig(kind="value", value=0.0)])}
+    station = {"fidelity": "OneDimensional", "environment": {"stiffness": stiffness}, "sensors": sensors}
+    run = outcome(
+        LawConfig(20e-3), 0.5, station=station, reference={"force": 10.0}, guard=GuardConfig(maximum_force=14.0)
+    )
+    assert signal(run, "contact_force").max() < 1.2 * 14.0
+    assert signal(run, "status")[-1] // 10 % 10 == 2
+
+
+def test_readings_in_coarse_steps_are_no_frozen_sensor():
+    """A step is 3.3 times the noise: without a filter readings repeat themselves for 0.1 s every few seconds."""
+    sensor = WristForceConfig(bandwidth=1e5, noise_std=0.03, quantum=0.1)
+    station = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e4}, "sensors": {"force": sensor}}
+    run = outcome(fc.force.IntegralConfig(integral_gain=1.0), 8.0, station=station, reference={"force": 10.0})
+    assert not signal(run, "status").any()
+
+
 @pytest.mark.parametrize(("energy", "status"), [(1e-3, RETREAT + 80), (2.0, 0)])
 def test_energy_that_goes_into_a_surface_is_bounded(energy, status):
     """The law goes after a surface that gives way at 5 mm/s under 15 N."""

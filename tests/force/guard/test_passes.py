@@ -30,6 +30,7 @@ def limits(bandwidth: float, noisy: bool, compliance: float = 1.0, energy: float
         turn=0.02,
         settle_own=0.05,
         keep_own=0.98,
+        repeats=0.0 if noisy else np.inf,
         same=50.0 if noisy else np.inf,
         deeper=1e-3,
         compliance=compliance,
