@@ -102,6 +102,7 @@ def run(
     Example: forcectl run fig_2_7 --set station.environment.stiffness=2e4 --seed 3
     """
     from forcectl.runs.claims.claim import Numbered
+    from forcectl.runs.directory import of_analyses
     from forcectl.runs.terminal.progress import ProgressBars
     from forcectl.scenario.catalog import find_scenario
     from forcectl.scenario.gains import found_lines
@@ -143,9 +144,8 @@ def run(
             typer.echo(line)
         say_assumed(result.assumed)
         pages = ", replay.html" if replay and len(result.metrics) == 1 else ", replay_<variant>.html" if replay else ""
-        typer.echo(
-            f"results in {directory}: log.nc, metrics.json, figures/, diagram.html{pages}, scenario.yaml, manifest.json"
-        )
+        files = f"log.nc, metrics.json, figures/, diagram.html{pages}, scenario.yaml, manifest.json"
+        typer.echo(f"results in {directory}: {', '.join([files, *of_analyses(directory)])}")
     if (not result.passed and not settings) or result.has_finding(strict):
         raise typer.Exit(1)
 

@@ -45,6 +45,12 @@ def is_complete(folder: Path) -> bool:
     return all((folder / name).is_file() for name in DATA[1:])
 
 
+def of_analyses(folder: Path) -> list[str]:
+    """The files that the analyses of a run have written, by name."""
+    names = {path.name for path in folder.iterdir() if not path.name.startswith(("diagram.", "replay"))}
+    return sorted(names - {*DATA, "figures"})
+
+
 def keep_only(folder: Path, names: Collection[str]) -> None:
     """Remove everything else from a folder."""
     for path in folder.iterdir():

@@ -8,7 +8,7 @@ import math
 import pytest
 
 import forcectl
-from forcectl.runs.directory import git_state, manifest, write_json
+from forcectl.runs.directory import DATA, git_state, manifest, of_analyses, write_json
 
 
 def test_json_is_strict(tmp_path):
@@ -26,3 +26,10 @@ def test_the_manifest_says_how_to_make_the_run_again():
     assert {"drake", "numpy", "xarray"} <= set(one["packages"])
     git = git_state()
     assert git is None or (len(git["commit"]) == 40 and isinstance(git["dirty"], bool))
+
+
+def test_files_of_analyses_are_those_that_no_run_has_by_itself(tmp_path):
+    for name in (*DATA, "diagram.svg", "replay.html", "friction.yaml", "b.csv"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "figures").mkdir()
+    assert of_analyses(tmp_path) == ["b.csv", "friction.yaml"]
