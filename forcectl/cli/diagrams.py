@@ -95,15 +95,9 @@ def check(
 
     Example: forcectl check fig_2_7 --from station.measured_force --to station.joint_position_command
     """
-    from forcectl.cli.target import (
-        named_assumptions,
-        named_code,
-        named_diagram,
-        named_gains,
-        named_margins,
-        named_unread,
-    )
+    from forcectl.cli.target import named_code, named_diagram, named_margins, named_scenarios, said_of
     from forcectl.doctor import examine, render
+    from forcectl.runs.run import assumed_of
     from forcectl.scenario.catalog import passed_over
 
     _, diagram = named_diagram(scenario, variant, settings, fidelity, allow_imports, whole=True)
@@ -116,11 +110,11 @@ def check(
         render(report, terminal(), verbose=verbose)
         for each in margins:
             typer.echo(each)
-        found = named_gains(scenario, variant, settings, fidelity, allow_imports)
-        found += named_unread(scenario, variant, settings, fidelity, allow_imports)
-        for line in (*named_code(scenario, settings), *found):
+        scenarios = named_scenarios(scenario, variant, settings, fidelity, allow_imports)
+        for line in (*named_code(scenario, settings), *said_of(scenarios)):
             typer.echo(line)
-        say_assumed(named_assumptions(scenario, variant, settings, fidelity, allow_imports))
+        for first in scenarios[:1]:
+            say_assumed(assumed_of(first))
         for line in passed_over():
             typer.echo(line, err=True)
     if not report.ok:

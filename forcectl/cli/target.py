@@ -18,13 +18,12 @@ from forcectl.framework.wiring import made_by
 from forcectl.framework.yaml_tree import nest, parse
 from forcectl.inspect.names import said_type
 from forcectl.runs.entry import first_built, margins
-from forcectl.runs.run import assumed_of
 from forcectl.scenario.code import code_in, said
 from forcectl.scenario.effects import unread
 from forcectl.scenario.error_keys import located
 from forcectl.scenario.gains import gains_lines
 from forcectl.scenario.layers import select_variants
-from forcectl.scenario.scenario import as_file, origins, resolve, with_shortcuts
+from forcectl.scenario.scenario import Scenario, as_file, origins, resolve, with_shortcuts
 from forcectl.tasks.machine.chart import MachineChart
 
 
@@ -98,24 +97,10 @@ def named_machine(
     return f"{file.name}_machine", replace(chart, name=file.name)
 
 
-def named_assumptions(
+def named_scenarios(
     target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
-) -> dict[str, str]:
-    """What is assumed of the robot of a scenario, see `forcectl.robot.assumptions`; nothing of an import path.
-
-    Args: as for `named_diagram`.
-    """
-    if ":" in target and not os.path.exists(Path(target)):
-        return {}
-    file = as_file(target, allow or ())
-    overrides = with_shortcuts(parse_settings(settings), None, fidelity)
-    return assumed_of(resolve(file, select_variants(file, variant)[0], overrides))
-
-
-def named_gains(
-    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
-) -> list[str]:
-    """Lines that say which gains of a scenario an experiment finds before each run; none of an import path.
+) -> list[Scenario]:
+    """The variants of a scenario, as read; none of an import path.
 
     Args: as for `named_diagram`.
     """
@@ -123,22 +108,13 @@ def named_gains(
         return []
     file = as_file(target, allow or ())
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
-    return gains_lines(resolve(file, select_variants(file, variant)[0], overrides))
+    return [resolve(file, name, overrides) for name in select_variants(file, variant)]
 
 
-def named_unread(
-    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
-) -> list[str]:
-    """Lines that say which keys of a scenario its fidelity does not read; none of an import path.
-
-    Args: as for `named_diagram`.
-    """
-    if ":" in target and not os.path.exists(Path(target)):
-        return []
-    file = as_file(target, allow or ())
-    overrides = with_shortcuts(parse_settings(settings), None, fidelity)
-    every = (unread(resolve(file, name, overrides)) for name in select_variants(file, variant))
-    return [f"info: {line}" for line in dict.fromkeys(line for lines in every for line in lines)]
+def said_of(scenarios: Sequence[Scenario]) -> list[str]:
+    """Lines on the gains that an experiment finds before each run of the first one, and on unread keys of any."""
+    gains = [line for scenario in scenarios[:1] for line in gains_lines(scenario)]
+    return [*gains, *dict.fromkeys(f"info: {line}" for scenario in scenarios for line in unread(scenario))]
 
 
 def named_margins(
