@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from pydrake.systems.framework import System
@@ -67,7 +66,7 @@ def named_diagram(
     Raises:
         BadInputError: there is no such scenario or function, or it cannot be built.
     """
-    if ":" in target and not os.path.exists(Path(target)):
+    if _is_import_path(target):
         return target.rpartition(":")[2], _call_for_diagram(target)
     file = as_file(target, allow or ())
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
@@ -97,6 +96,11 @@ def named_machine(
     return f"{file.name}_machine", replace(chart, name=file.name)
 
 
+def _is_import_path(target: str) -> bool:
+    """Whether it is `package.module:function`, and no file that has a colon in its name."""
+    return ":" in target and not os.path.exists(target)
+
+
 def named_scenarios(
     target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
 ) -> list[Scenario]:
@@ -104,7 +108,7 @@ def named_scenarios(
 
     Args: as for `named_diagram`.
     """
-    if ":" in target and not os.path.exists(Path(target)):
+    if _is_import_path(target):
         return []
     file = as_file(target, allow or ())
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
@@ -124,7 +128,7 @@ def named_margins(
 
     Args: as for `named_diagram`.
     """
-    if ":" in target and not os.path.exists(Path(target)):
+    if _is_import_path(target):
         return []
     overrides = parse_settings(settings)
     return margins(target, variant=variant, overrides=overrides, fidelity=fidelity, allow_imports=allow or ())
@@ -132,7 +136,7 @@ def named_margins(
 
 def named_code(target: str, settings: Iterable[str] | None) -> list[str]:
     """Lines that say which code beside forcectl's own a target names; see `forcectl.scenario.code`."""
-    if ":" in target and not os.path.exists(Path(target)):
+    if _is_import_path(target):
         return said({"": target})
     file = as_file(target)
     return said(code_in(file) | code_in(replace(file, tree=nest(parse_settings(settings)))))
