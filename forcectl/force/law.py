@@ -154,6 +154,22 @@ class LawConfig:
         return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
 
 
+class LinearLawConfig:
+    """What the configurations of linear laws share that are made for a model of the plant alone."""
+
+    @abstractmethod
+    def law(self, model: PlantModel) -> ForceLaw:
+        """The block."""
+
+    def sampled_response(self, model: PlantModel) -> StateSpace:
+        """From the measured force to displacement and rate of the command."""
+        return self.law(model).sampled_response()
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
+        """Add the law."""
+        return builder.AddNamedSystem("force_law", self.law(model))
+
+
 class AroundLawConfig:
     """What the configurations of parts around a force law share, whose key `law` it is."""
 

@@ -15,21 +15,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, DiagramBuilder, System
+from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.force.law import ForceLaw, low_pass
+from forcectl.force.law import ForceLaw, LinearLawConfig, low_pass
 from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
-
-if TYPE_CHECKING:
-    from scipy.signal import StateSpace
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 GAIN_UNITS = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivative_gain": "m s/N"}
@@ -176,7 +172,7 @@ class LinearForceLaw(ForceLaw):
 
 
 @dataclass(kw_only=True)
-class VrftConfig(Config, in_batches=True):
+class VrftConfig(Config, LinearLawConfig, in_batches=True):
     """Scenario part `!Vrft`: PID with a filter, or FIR, with gains that VRFT has found; the default is Sec. 4.3.4.
 
     With `gains_from` the three gains are found before the run, see `forcectl.scenario.gains`, and none is written.
@@ -243,11 +239,3 @@ class VrftConfig(Config, in_batches=True):
             upper_limit=self.upper_limit,
             period=model.period,
         )
-
-    def sampled_response(self, model: PlantModel) -> StateSpace:
-        """From the measured force to displacement and rate of the command."""
-        return self.law(model).sampled_response()
-
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
-        """Add the law."""
-        return builder.AddNamedSystem("force_law", self.law(model))

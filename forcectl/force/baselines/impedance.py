@@ -31,22 +31,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, DiagramBuilder, System
+from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid
 from forcectl.force.admittance import admittance_step
-from forcectl.force.law import ForceLaw, low_pass
+from forcectl.force.law import ForceLaw, LinearLawConfig, low_pass
 from forcectl.framework.batch import BatchParameter, BatchValue, check
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
-
-if TYPE_CHECKING:
-    from scipy.signal import StateSpace
 
 
 class ImpedanceForceLaw(ForceLaw):
@@ -147,7 +143,7 @@ class ImpedanceForceLaw(ForceLaw):
 
 
 @dataclass(kw_only=True)
-class AdaptiveAdmittanceConfig(Config, in_batches=True):
+class AdaptiveAdmittanceConfig(Config, LinearLawConfig, in_batches=True):
     """Scenario part `!AdaptiveAdmittance`: an admittance whose damping is adapted on line to surfaces that move."""
 
     inertia: float = key(26.5, "H of the target impedance", unit="kg", bounds="positive", each=True)
@@ -168,17 +164,9 @@ class AdaptiveAdmittanceConfig(Config, in_batches=True):
             period=model.period,
         )
 
-    def sampled_response(self, model: PlantModel) -> StateSpace:
-        """From the measured force to displacement and rate of the command."""
-        return self.law(model).sampled_response()
-
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
-        """Add the law."""
-        return builder.AddNamedSystem("force_law", self.law(model))
-
 
 @dataclass(kw_only=True)
-class ImpedanceConfig(Config, in_batches=True):
+class ImpedanceConfig(Config, LinearLawConfig, in_batches=True):
     """Scenario part `!Impedance`: a target impedance whose reference is where the desired force should be."""
 
     inertia: float = key(66.0, "H of the target impedance", unit="kg", bounds="positive", each=True)
@@ -210,11 +198,3 @@ class ImpedanceConfig(Config, in_batches=True):
             upper_limit=self.upper_limit,
             period=model.period,
         )
-
-    def sampled_response(self, model: PlantModel) -> StateSpace:
-        """From the measured force to displacement and rate of the command."""
-        return self.law(model).sampled_response()
-
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
-        """Add the law."""
-        return builder.AddNamedSystem("force_law", self.law(model))

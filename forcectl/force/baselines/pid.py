@@ -20,21 +20,16 @@ r K_I Ts) z - r K_P = 0 has its roots inside of the unit circle if and only if::
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-from pydrake.systems.framework import DiagramBuilder, System
 
 from forcectl.errors import invalid
+from forcectl.force.law import LinearLawConfig
 from forcectl.force.linear_law import LinearForceLaw
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 
-if TYPE_CHECKING:
-    from scipy.signal import StateSpace
-
 
 @dataclass(kw_only=True)
-class PidConfig(Config, in_batches=True):
+class PidConfig(Config, LinearLawConfig, in_batches=True):
     """Scenario part `!Pid`: explicit PI, with derivative gain PID control of the force, with feed-forward."""
 
     proportional_gain: float = key(0.5, "gain K_P", unit="1", bounds="from 0 to 100", each=True)
@@ -71,11 +66,3 @@ class PidConfig(Config, in_batches=True):
             upper_limit=self.upper_limit,
             period=model.period,
         )
-
-    def sampled_response(self, model: PlantModel) -> StateSpace:
-        """From the measured force to displacement and rate of the command."""
-        return self.law(model).sampled_response()
-
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
-        """Add the law."""
-        return builder.AddNamedSystem("force_law", self.law(model))
