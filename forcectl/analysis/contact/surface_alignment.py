@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from forcectl.analysis.slot import CONTACT_TRUTH, REFERENCE, variants_of
 from forcectl.analysis.tables.task_tables import SURFACE_ALIGNMENT_METRICS
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key
 
 if TYPE_CHECKING:
@@ -33,11 +32,7 @@ class SurfaceAlignmentAnalysis(Config):
     deadline: float = key(3.0, "by which it is to be, from the start", unit="s", bounds="not negative")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
-        """Those of `SURFACE_ALIGNMENT_METRICS`; None where the run ends before the deadline.
-
-        Raises:
-            BadInputError: there is no `!ContactTruth` in the station.
-        """
+        """Those of `SURFACE_ALIGNMENT_METRICS`; None where the run ends before the deadline."""
         found: dict[str, float | None] = dict.fromkeys(SURFACE_ALIGNMENT_METRICS)
         time, torque, tilt = _signals(log, setting)
         outside = np.flatnonzero(torque >= self.torque)
@@ -68,12 +63,8 @@ class SurfaceAlignmentAnalysis(Config):
 
 def _signals(log: Any, setting: Setting) -> tuple[Array, Array, Array]:
     """Time [s], magnitude of the contact torque at the TCP [Nm], tilt of the tool [deg]; each of shape (k,)."""
-    missing = [name for name in ("body_contact_wrench", "desired_force", "tool_orientation") if name not in log]
-    if missing:
-        wanted = "must go together with a reference and a sensor !ContactTruth at the TCP, in Multibody"
-        raise BadInputError(f" finds no {', '.join(missing)}: {wanted}", key="analyses")
-    n = setting.workcell.contact.n
-    w, x, y, z = log["tool_orientation"].values.T
+    contact, arms = setting.workcell.contact, list(setting.workcell.robot.parts.arms)
+    w, x, y, z = log["tool_orientation"].values.reshape(-1, len(arms), 4)[:, arms.index(contact.arm)].T
     axis = np.column_stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
-    tilt = np.degrees(np.arccos(np.clip(-axis @ n, -1.0, 1.0)))
+    tilt = np.degrees(np.arccos(np.clip(-axis @ contact.n, -1.0, 1.0)))
     return log["time"].values, np.linalg.norm(log["body_contact_wrench"].values[:, :3], axis=1), tilt

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from forcectl.analysis.contact.surface_alignment import SurfaceAlignmentAnalysis
+from forcectl.analysis.slot import check_fits
 from forcectl.errors import BadInputError
 from tests.examples.block_examples_stations import pressing_workcell
 from tests.examples.stations import setting
@@ -73,7 +75,18 @@ def test_every_variant_is_a_curve():
     assert [len(axes.lines) for axes in figure.axes] == [3, 4, 3]  # with the dotted lines of what is wanted
 
 
+def test_of_several_arms_the_one_that_presses_is_judged():
+    station = SETTING.workcell
+    arms = SimpleNamespace(parts=SimpleNamespace(arms={"left": None, "right": None}))
+    contact = SimpleNamespace(arm="right", n=station.contact.n)
+    both: Any = SimpleNamespace(workcell=SimpleNamespace(robot=arms, contact=contact))
+    one = log([0, 0.4, 0.1], [0, 8, 9], [10, 7, 3])
+    turned = np.hstack([np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)), one["tool_orientation"].values])
+    two = one.drop_vars("tool_orientation").assign(tool_orientation=(("time", "both"), turned))
+    analysis = SurfaceAlignmentAnalysis()
+    assert analysis.metrics(two, both) == analysis.metrics(one, SETTING)
+
+
 def test_without_the_truth_it_is_refused():
-    bare = log([0, 0], [0, 0], [0, 0]).drop_vars("body_contact_wrench")
     with pytest.raises(BadInputError, match="finds no body_contact_wrench: must go together with"):
-        SurfaceAlignmentAnalysis().metrics(bare, SETTING)
+        check_fits(SurfaceAlignmentAnalysis(), {}, SETTING)
