@@ -4,25 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.analysis.insertion import BESIDE, part_orientation, part_rows
-from forcectl.analysis.slot import check_parts
+from forcectl.analysis.slot import WithoutFigures, check_parts
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)
-class AssemblyAnalysis(Config):
+class AssemblyAnalysis(Config, WithoutFigures):
     """Scenario part `!Assembly`: three levels of success of a plunger in a body and a cap that locks on a mount.
 
     Engaged: the plunger was past the lead-in of the bore, the cap turned beyond the lock with its face at the mount.
@@ -49,24 +46,15 @@ class AssemblyAnalysis(Config):
         Raises:
             BadInputError: there is no such part, or none that an arm holds.
         """
-        self._held(setting)
-
-    def _held(self, setting: Setting) -> list[str]:
-        """Names of the parts that an arm can hold."""
         check_parts({field: getattr(self, field) for field in ("peg", "bore", "cap", "mount")}, setting)
-        held = [name for name, part in setting.workcell.parts.items() if part.arm]
+        held = _held(setting)
         for field in ("peg", "cap"):
             if getattr(self, field) not in held:
                 raise BadInputError(" must be a part that an arm can hold", key=field)
-        return held
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
-        """Those of `ASSEMBLY_METRICS`.
-
-        Raises:
-            BadInputError: there is no such part, or none that an arm holds.
-        """
-        held = self._held(setting)
+        """Those of `ASSEMBLY_METRICS`."""
+        held = _held(setting)
         free = log["part_released"].values[-1] > 0.5
         let_go = {name: bool(free[held.index(name)]) for name in (self.peg, self.cap)}
         place, _ = _relative(log, setting, self.bore, self.peg)
@@ -94,14 +82,15 @@ class AssemblyAnalysis(Config):
             "cap_tilt_at_end_deg": float(tilt[-1]),
         }
 
-    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
-        """None."""
-        return {}
+
+def _held(setting: Setting) -> list[str]:
+    """Names of the parts that an arm can hold."""
+    return [name for name, part in setting.workcell.parts.items() if part.arm]
 
 
 def _relative(log: Any, setting: Setting, base: str, part: str) -> tuple[Array, Array]:
     """Place, (T, 3) [m], and orientation, (T, 3, 3), of one part in the frame of another."""
-    at, place = (part_rows(log, setting, name, "part", "part_position") for name in (base, part))
-    frame, turn = (part_orientation(log, setting, name, "part") for name in (base, part))
+    at, place = (part_rows(log, setting, name, "part_position") for name in (base, part))
+    frame, turn = (part_orientation(log, setting, name) for name in (base, part))
     back = frame.inv()
     return back.apply(place - at), (back * turn).as_matrix()

@@ -14,19 +14,17 @@ The first `begin` seconds are not judged: the observer starts there.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.analysis.slot import WithoutFigures
 from forcectl.analysis.stretches import stretches
 from forcectl.analysis.tables.motion_tables import FORCE_METRICS
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,7 +33,7 @@ _CONTACT_BEGINS = 0.2  # [s] of a contact that are not judged
 
 
 @dataclass(kw_only=True)
-class ForceAnalysis(Config):
+class ForceAnalysis(Config, WithoutFigures):
     """Scenario part `!ForceEstimation`.
 
     Needs an estimator in the loop.
@@ -59,10 +57,6 @@ class ForceAnalysis(Config):
         if len(each) > 1:
             result |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
         return result
-
-    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
-        """Those of every run show it."""
-        return {}
 
     def _arm(self, log: Any, truth: PlantModel, i: int, joints: slice) -> dict[str, float | None]:
         time = log["time"].values

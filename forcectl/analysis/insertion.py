@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from forcectl.analysis.slot import CONTACT_TRUTH, check_modes, check_parts, variants_of
 from forcectl.analysis.transitions import Stay, stays
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
 if TYPE_CHECKING:
@@ -46,22 +46,16 @@ class Course(NamedTuple):
     force: Array
 
 
-def part_rows(log: Any, setting: Setting, part: str, field: str, signal: str) -> Array:
-    """The rows (T, k) of a part in `part_position` or `part_orientation`.
-
-    Raises:
-        BadInputError: there is no such part; names `field`.
-    """
+def part_rows(log: Any, setting: Setting, part: str, signal: str) -> Array:
+    """The rows (T, k) of a part in `part_position` or `part_orientation`."""
     parts = list(setting.workcell.parts)
-    if part not in parts:
-        raise unknown("part", part, parts).at(field)
     values: Array = log[signal].values
     return values.reshape(len(values), len(parts), -1)[:, parts.index(part)]
 
 
-def part_orientation(log: Any, setting: Setting, part: str, field: str) -> Rotation:
-    """Orientations (T) in the world of the frame of a part, by the truth; errors as of `part_rows`."""
-    turns = part_rows(log, setting, part, field, "part_orientation")
+def part_orientation(log: Any, setting: Setting, part: str) -> Rotation:
+    """Orientations (T) in the world of the frame of a part, by the truth."""
+    turns = part_rows(log, setting, part, "part_orientation")
     return Rotation.from_quat(np.roll(turns, -1, axis=1))  # scipy's [x, y, z, w]
 
 
@@ -159,16 +153,10 @@ class InsertionAnalysis(Config):
         }
 
     def course(self, log: Any, setting: Setting) -> Course:
-        """The truth of one variant.
-
-        Raises:
-            BadInputError: there is no such part, or no true force between the two.
-        """
-        pair = [(getattr(self, one), one) for one in ("peg", "bore")]
-        along, out = (part_orientation(log, setting, *part).apply([0.0, 0.0, 1.0]) for part in pair)
-        if "body_contact_wrench" not in log:
-            raise BadInputError("needs one !ContactTruth among the sensors, on the peg by the bore")
-        tip, mouth = (part_rows(log, setting, *part, "part_position") for part in pair)
+        """The truth of one variant."""
+        pair = (self.peg, self.bore)
+        along, out = (part_orientation(log, setting, part).apply([0.0, 0.0, 1.0]) for part in pair)
+        tip, mouth = (part_rows(log, setting, part, "part_position") for part in pair)
         apart = tip - mouth
         depth = -np.einsum("ij,ij->i", apart, out)
         turned = np.einsum("ij,ij->i", along, out)

@@ -107,7 +107,7 @@ class KeptForceAnalysis(Config):
 
     def _tilt(self, log: Any, setting: Setting, tick: int) -> float:
         """Between the z axes of the parts [deg]."""
-        turns = (part_orientation(log, setting, name, "parts")[tick] for name in self.parts)
+        turns = (part_orientation(log, setting, name)[tick] for name in self.parts)
         one, other = (turn.apply([0.0, 0.0, 1.0]) for turn in turns)
         return float(np.degrees(np.arccos(np.clip(one @ other, -1.0, 1.0))))
 

@@ -45,6 +45,14 @@ CONTACT_TRUTH = {"body_contact_wrench": "a sensor !ContactTruth, in Multibody"}
 REFERENCE = {"desired_force": "a reference of the force"}
 
 
+class WithoutFigures:
+    """What the analyses share that have metrics alone."""
+
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
+        """None of its own."""
+        return {}
+
+
 def check_needs(analysis: Any, signals: Container[str], key: str = "analyses") -> None:
     """Refuse an analysis without a signal that it needs.
 

@@ -104,8 +104,7 @@ def test_nothing_stays_that_a_hand_holds_nor_after_a_large_force():
 
 
 def test_parts_that_there_are_none_of_and_one_that_is_fixed_are_refused():
-    made = log(0.096, 17.0)
     with pytest.raises(BadInputError, match="peg: unknown part 'plugner': did you mean 'plunger'"):
-        AssemblyAnalysis(peg="plugner").metrics(made, SETTING)
+        AssemblyAnalysis(peg="plugner").check({}, SETTING)
     with pytest.raises(BadInputError, match="cap must be a part that an arm can hold"):
-        AssemblyAnalysis(cap="mount").metrics(made, SETTING)
+        AssemblyAnalysis(cap="mount").check({}, SETTING)

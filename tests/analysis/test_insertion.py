@@ -11,6 +11,7 @@ import xarray as xr
 from pydrake.math import RotationMatrix
 
 from forcectl.analysis.insertion import InsertionAnalysis
+from forcectl.analysis.slot import check_fits
 from forcectl.analysis.tables.motion_tables import is_motion_metric
 from forcectl.analysis.tables.task_tables import INSERTION_METRICS
 from forcectl.errors import BadInputError
@@ -128,12 +129,12 @@ def test_a_plunger_that_never_touches():
 @pytest.mark.parametrize(("options", "key"), [({"peg": "plungr"}, "peg"), ({"bore": "tub"}, "bore")])
 def test_an_unknown_part(options, key):
     with pytest.raises(BadInputError, match=f"{key}: unknown part '{options[key]}': did you mean"):
-        metrics(log(lambda t: 0.1 * t), **options)
+        InsertionAnalysis(**options).check({}, SETTING)
 
 
 def test_without_the_truth_of_the_contact():
-    with pytest.raises(BadInputError, match="needs one !ContactTruth among the sensors"):
-        metrics(log(lambda t: 0.1 * t).drop_vars("body_contact_wrench"))
+    with pytest.raises(BadInputError, match="finds no body_contact_wrench: must go together with"):
+        check_fits(InsertionAnalysis(), {}, SETTING)
 
 
 def test_the_figure_has_the_true_forces_and_the_modes():

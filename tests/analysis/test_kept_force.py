@@ -109,5 +109,5 @@ def test_a_rotation_that_begins_without_contact_was_decided_in_the_air():
 
 
 def test_parts_that_there_are_none_of():
-    with pytest.raises(BadInputError, match="parts: unknown part 'lid': known: mount, table, cap"):
-        KeptForceAnalysis(force=[0.2, 0.5], parts=["lid", "mount"]).metrics(log(), SETTING)
+    with pytest.raises(BadInputError, match=r"parts\.0: unknown part 'lid': known: mount, table, cap"):
+        KeptForceAnalysis(force=[0.2, 0.5], parts=["lid", "mount"]).check({}, SETTING)

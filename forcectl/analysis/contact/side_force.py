@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from forcectl.analysis.force_metrics import Step, overshoot, settling_time
-from forcectl.analysis.slot import CONTACT_TRUTH, check_needs
+from forcectl.analysis.slot import CONTACT_TRUTH, WithoutFigures
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.robot.model import unit_normal
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _AT_REST = 0.1  # share of the run, its last, whose mean counts
 
 
 @dataclass(kw_only=True)
-class SideForceAnalysis(Config):
+class SideForceAnalysis(Config, WithoutFigures):
     """Scenario part `!SideForce`.
 
     Of a `!ContactTruth` with the second surface, from the start of the run on.
@@ -32,12 +29,7 @@ class SideForceAnalysis(Config):
     force: float = key(meaning="wanted along it", unit="N", bounds="positive")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
-        """Those of `SIDE_FORCE_METRICS`.
-
-        Raises:
-            BadInputError: there is no `!ContactTruth` in the station.
-        """
-        check_needs(self, log)
+        """Those of `SIDE_FORCE_METRICS`."""
         time, force = log["time"].values, log["body_contact_wrench"].values[:, 3:] @ unit_normal(self.axis)
         step = Step(first=0, end=len(time), time=float(time[0]), start=0.0, target=self.force)
         rest = force[-max(1, round(_AT_REST * len(force))) :]
@@ -46,7 +38,3 @@ class SideForceAnalysis(Config):
             "side_force_settling_2pct_s": settling_time(time, force, step, 0.02),
             "side_force_error_N": float(np.mean(self.force - rest)),
         }
-
-    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
-        """None of its own."""
-        return {}

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from forcectl.analysis.slot import REFERENCE, check_needs
+from forcectl.analysis.slot import REFERENCE, WithoutFigures
 from forcectl.analysis.tables.task_tables import SURFACE_FOLLOWING_METRICS
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 @dataclass(kw_only=True)
-class SurfaceFollowingAnalysis(Config):
+class SurfaceFollowingAnalysis(Config, WithoutFigures):
     """Scenario part `!SurfaceFollowing`.
 
     Of one surface with `turning: true`.
@@ -28,12 +25,7 @@ class SurfaceFollowingAnalysis(Config):
     begin: float = key(2.0, "from which it is judged", unit="s", bounds="not negative")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
-        """Those of `SURFACE_FOLLOWING_METRICS`; None where the run ends before it is judged.
-
-        Raises:
-            BadInputError: no normal turns, or there is no reference of the force.
-        """
-        check_needs(self, log)
+        """Those of `SURFACE_FOLLOWING_METRICS`; None where the run ends before it is judged."""
         found: dict[str, float | None] = dict.fromkeys(SURFACE_FOLLOWING_METRICS)
         after = log["time"].values >= self.begin - 1e-9
         if after.any():
@@ -43,7 +35,3 @@ class SurfaceFollowingAnalysis(Config):
             found["normal_force_mean_N"] = float(force.mean())
             found["normal_force_error_N"] = float(np.abs(force - wanted).max())
         return found
-
-    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
-        """None of its own."""
-        return {}

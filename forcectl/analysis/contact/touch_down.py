@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from forcectl.analysis.slot import WithoutFigures
 from forcectl.analysis.tables.task_tables import TOUCH_DOWN_METRICS
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError
 from forcectl.force.approach import ApproachMode
 from forcectl.framework.fields import Config
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 _BAND = 0.05  # of the reference
 
 
 @dataclass(kw_only=True)
-class TouchDownAnalysis(Config):
+class TouchDownAnalysis(Config, WithoutFigures):
     """Scenario part `!TouchDown`.
 
     Of a tool that `!Approach` brings to one surface.
@@ -60,7 +58,3 @@ class TouchDownAnalysis(Config):
             if not outside[-1]:
                 found[name] = max(0.0, float(time[last[-1]] - time[first])) if last.size else 0.0
         return found
-
-    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
-        """None of its own."""
-        return {}

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 from forcectl.analysis.contact.side_force import SideForceAnalysis
+from forcectl.analysis.slot import check_fits
 from forcectl.errors import BadInputError
 from tests.examples.block_examples_stations import pressing_workcell
 from tests.examples.stations import setting
@@ -37,4 +38,4 @@ def test_a_force_that_is_off_at_the_end_has_no_time():
 
 def test_without_the_truth_it_is_refused():
     with pytest.raises(BadInputError, match="finds no body_contact_wrench: must go together with"):
-        SideForceAnalysis(axis=[0.0, 1.0, 0.0], force=8.0).metrics(xr.Dataset({}, {"time": [0.0]}), SETTING)
+        check_fits(SideForceAnalysis(axis=[0.0, 1.0, 0.0], force=8.0), {}, SETTING)
