@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, MatrixGain, PassThrough
 
-from forcectl.diagrams.guarded import FORCES, guarded
+from forcectl.diagrams.guarded import guarded
 from forcectl.errors import BadInputError
 from forcectl.estimation.surface_offset import Sliding
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
+from forcectl.force.law import FORCES
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.wiring import (
     Enclosed,
@@ -23,6 +24,7 @@ from forcectl.framework.wiring import (
     check_names,
     export_outputs,
     input_names,
+    optional_inputs,
     output_names,
     stacked,
 )
@@ -129,7 +131,7 @@ class ForceController(PythonDiagram):
                 builder.ConnectInput(there[name], law.GetInputPort(name))
             elif name not in _OF_LAW:
                 export(law.GetInputPort(name), name)
-        self.optional_inputs = tuple(set(getattr(law, "optional_inputs", ())) - {*there, *_OF_LAW})
+        self.optional_inputs = tuple(set(optional_inputs(law)) - {*there, *_OF_LAW})
         builder.ExportOutput(inversions[-1].GetOutputPort("joint_position_command"), "joint_position_command")
         if model.constant_jacobian and rate in ports.outputs:
             speeds = add("joint_speeds", MatrixGain(_direction(model).reshape(-1, 1)))
@@ -178,7 +180,7 @@ class GuardedController(PythonDiagram):
     def __init__(self, builder: DiagramBuilder, controller: System, model: PlantModel, guard: GuardConfig):
         super().__init__()
         blocks = builder.GetSystems()
-        self.optional_inputs = tuple(getattr(controller, "optional_inputs", ()))
+        self.optional_inputs = optional_inputs(controller)
         self.guard_inputs: tuple[str, ...] = ()
         loops = model.size if set(FORCES) <= set(input_names(controller)) else 0
         rate = "joint_velocity_command"

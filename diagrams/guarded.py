@@ -10,9 +10,8 @@ from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, Sys
 from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain
 
 from forcectl.force.guard.guard import ControllerGuard
+from forcectl.force.law import FORCES
 from forcectl.framework.wiring import input_names, output_names
-
-FORCES = ("desired_force", "measured_force")
 
 
 @dataclass(frozen=True)

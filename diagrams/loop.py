@@ -32,7 +32,15 @@ from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.law import model_bandwidth
-from forcectl.framework.wiring import Enclosed, add_part, check_names, input_names, made_by, output_names
+from forcectl.framework.wiring import (
+    Enclosed,
+    add_part,
+    check_names,
+    input_names,
+    made_by,
+    optional_inputs,
+    output_names,
+)
 from forcectl.plant.tip_kinematics import tip_displacements
 
 _NOT_LOGGED = ("wrench_covariance",)  # 36 numbers of each arm, of which wrench_deviation shows the diagonals
@@ -174,14 +182,14 @@ def build_loop(parts: LoopParts) -> Loop:
         signals.chosen[name] = port
         own.append((choice, builder.GetSystems()[before:]))
     for name, system in sources.items():
-        signals.connect(name, system, getattr(system, "optional_inputs", ()))
+        signals.connect(name, system, optional_inputs(system))
     for name, system in estimators.items():
-        signals.connect(f"estimators.{name}", system, getattr(system, "optional_inputs", ()))
+        signals.connect(f"estimators.{name}", system, optional_inputs(system))
     for name in getattr(controller, "guard_inputs", ()):
         if name not in signals.chosen and not signals.offers(name):
             needed = f"null, or a part must put out {name}, such as `estimators: {{force: !ForceEstimator {{}}}}`"
             raise invalid("guard.maximum_force", getattr(parts.guard, "maximum_force", None), needed)
-    signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))
+    signals.connect("controller", controller, optional_inputs(controller))
     _command(builder, controller, station)
     for part, systems in own:
         with about(part):

@@ -13,7 +13,7 @@ from forcectl.diagrams.mechanics.site import STATION_SIGNALS
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, about
 from forcectl.framework.block import of_ports
-from forcectl.framework.wiring import check_names, input_names, output_names
+from forcectl.framework.wiring import check_names, input_names, optional_inputs, output_names
 
 # What comes from outside of a station.
 STATION_INPUTS = (
@@ -161,7 +161,7 @@ class Assembly:
                 self.builder.ConnectInput(exported[name], port)
             elif name in places:
                 exported[name] = self.builder.ExportInput(port, name)
-            elif name not in getattr(port.get_system(), "optional_inputs", ()):
+            elif name not in optional_inputs(port.get_system()):
                 known = ", ".join(sorted({*STATION_SIGNALS, *self.signals}))
                 with about(part):
                     raise BadInputError(f" wants {name}, which nothing puts out: must be one of {known}")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pydrake.multibody.plant import MultibodyPlant
 
 from forcectl.doctor.report import Finding, error, info, warning
-from forcectl.inspect.ports import optional_inputs
+from forcectl.framework.wiring import optional_inputs
 from forcectl.inspect.start import is_library_plant
 from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
 

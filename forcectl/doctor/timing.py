@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 from forcectl.doctor.report import Finding, error, info, warning
 from forcectl.doctor.values import one_line
+from forcectl.framework.wiring import optional_inputs
 from forcectl.inspect.events import PeriodicEvent, Timing
-from forcectl.inspect.ports import optional_inputs
 from forcectl.inspect.start import StartValues
 
 

@@ -16,13 +16,12 @@ from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.estimation.surface_offset import SurfaceOffset
 from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.force.sensor_lag import sensor_model
-from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
-from forcectl.framework.wiring import export_all_outputs
+from forcectl.framework.wiring import Around, export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 
 
-class AdaptiveForceLaw(PythonDiagram):
+class AdaptiveForceLaw(Around):
     """A force law whose compliance comes from the EWRLS estimator.
 
     ```
@@ -62,10 +61,9 @@ class AdaptiveForceLaw(PythonDiagram):
         displacement_filter: System,
         offset: tuple[SurfaceOffset, System] | None = None,
     ):
-        super().__init__()
+        super().__init__(law)
         if not law.HasInputPort("compliance"):
             raise BadInputError(f"{type(law).__name__} has no input port 'compliance': an adaptive law must have one")
-        self.sample_delay = dict(getattr(law, "sample_delay", {}))
         builder = DiagramBuilder()
         builder.AddNamedSystem("law", law)
         builder.AddNamedSystem("estimator", estimator)

@@ -31,12 +31,11 @@ from pydrake.systems.primitives import Adder, Gain
 
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.integral import IntegralConfig
-from forcectl.force.law import AroundLawConfig, require_force_law
+from forcectl.force.law import FORCES, AroundLawConfig, require_force_law
 from forcectl.framework.batch import BatchParameter, BatchValue
-from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.framework.wiring import export_all_outputs, input_names, output_names
+from forcectl.framework.wiring import Around, export_all_inputs, export_all_outputs, input_names, output_names
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -114,13 +113,14 @@ class GuardedMove(SampledBatch):
             "rise_time": BatchParameter(rise_time, "not negative", "s"),
         }
         super().__init__(size, parameters)
-        inputs = [self.DeclareVectorInputPort(name, size) for name in ("desired_force", "measured_force")]
+        inputs = [self.DeclareVectorInputPort(name, size) for name in FORCES]
         self.sample_delay = {("measured_force", "felt_force"): 0.0}
         shown = ("approach_displacement", "approach_mode", "regulated_force", "felt_force")
         # In contact the law is what answers to a force.
-        self.passed_elements = {
-            (given, name): range(0) for given in ("desired_force", "measured_force") for name in shown
-        } | {("desired_force", "regulated_force"): range(size), ("measured_force", "felt_force"): range(size)}
+        self.passed_elements = {(given, name): range(0) for given in FORCES for name in shown} | {
+            ("desired_force", "regulated_force"): range(size),
+            ("measured_force", "felt_force"): range(size),
+        }
         # Times without contact and at rest or without force [s], stage of TOUCH, share p of the speed, and what is left
         # to leave [m].
         own = ("searching", "waiting", "stage", "pace", "to_leave")
@@ -180,7 +180,7 @@ class GuardedMove(SampledBatch):
         return new
 
 
-class ApproachForceLaw(PythonDiagram):
+class ApproachForceLaw(Around):
     """A force law behind a guarded move.
 
     ```
@@ -205,21 +205,18 @@ class ApproachForceLaw(PythonDiagram):
     """
 
     def __init__(self, builder: DiagramBuilder, law: System, move: GuardedMove):
-        super().__init__()
+        super().__init__(law)
         if "joint_position_command" in output_names(law):
             raise BadInputError(f"{type(law).__name__} cannot be approached: {_WANTED}")
         require_force_law(law, _FORCES)
         if "approach_mode" in output_names(law):
             raise BadInputError(f"{type(law).__name__} has a guarded move of its own: must be a law without one")
-        self.sample_delay = dict(getattr(law, "sample_delay", {}))
         moved = _add_move(builder, move, law)
-        for name in input_names(law):
-            if name == "motor_displacement":
-                without = without_move(builder, "law_displacement", moved)
-                builder.ExportInput(without.get_input_port(1), name)
-                builder.Connect(without.get_output_port(), law.GetInputPort(name))
-            elif name not in _FORCES:
-                builder.ExportInput(law.GetInputPort(name), name)
+        if law.HasInputPort("motor_displacement"):
+            without = without_move(builder, "law_displacement", moved)
+            builder.ExportInput(without.get_input_port(1), "motor_displacement")
+            builder.Connect(without.get_output_port(), law.GetInputPort("motor_displacement"))
+        export_all_inputs(builder, law, but=(*_FORCES, "motor_displacement"))
         both = _sum(builder, "command", moved)
         builder.Connect(law.GetOutputPort("displacement_command"), both.get_input_port(1))
         builder.ExportOutput(both.get_output_port(), "displacement_command")
@@ -229,7 +226,7 @@ class ApproachForceLaw(PythonDiagram):
         builder.BuildInto(self)
 
 
-class ApproachedController(PythonDiagram):
+class ApproachedController(Around):
     """A controller of joints behind a guarded move.
 
     ```
@@ -254,17 +251,13 @@ class ApproachedController(PythonDiagram):
     """
 
     def __init__(self, builder: DiagramBuilder, controller: System, move: GuardedMove):
-        super().__init__()
+        super().__init__(controller)
         inputs, outputs = input_names(controller), output_names(controller)
         if not (set(_APPROACHED) <= set(inputs) and set(_COMMANDS) <= set(outputs)):
             wanted = f"the inputs {', '.join(_APPROACHED)} and the outputs {', '.join(_COMMANDS)}"
             raise BadInputError(f"add_approached makes a {type(controller).__name__}: must have {wanted}")
-        self.sample_delay = dict(getattr(controller, "sample_delay", {}))
-        self.optional_inputs = tuple(getattr(controller, "optional_inputs", ()))
         builder.Connect(_add_move(builder, move, controller), controller.GetInputPort("approach_displacement"))
-        for name in inputs:
-            if name not in _APPROACHED:
-                builder.ExportInput(controller.GetInputPort(name), name)
+        export_all_inputs(builder, controller, but=_APPROACHED)
         builder.ExportOutput(move.GetOutputPort("approach_mode"), "approach_mode")
         export_all_outputs(builder, controller)
         builder.BuildInto(self)

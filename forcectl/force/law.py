@@ -20,6 +20,7 @@ from forcectl.plant.plant_model import PlantModel
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
+FORCES = ("desired_force", "measured_force")  # inputs of every force law
 _SMALL = 1e-9  # [m, N, m/s] of what a law remembers and reads, within all limits
 
 
@@ -98,7 +99,7 @@ class ForceLaw(SampledBatch):
             "lower_limit": BatchParameter(lower_limit, "a number", "m"),
             "upper_limit": BatchParameter(upper_limit, "a number", "m"),
         }
-        names = ["desired_force", "measured_force", *inputs]
+        names = [*FORCES, *inputs]
         if compliance is not None:
             further["compliance"] = BatchParameter(compliance, "positive and finite", "m/N")
         elif self.uses_compliance:

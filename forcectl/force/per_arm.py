@@ -10,13 +10,13 @@ from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.conventions import Components, unit_of
 from forcectl.errors import about, invalid
-from forcectl.force.law import require_force_law
+from forcectl.force.law import FORCES, require_force_law
 from forcectl.framework.block import PythonDiagram, of_ports
 from forcectl.framework.fields import Config, slot
-from forcectl.framework.wiring import Enclosed, input_names, output_names, stacked
+from forcectl.framework.wiring import Enclosed, input_names, optional_inputs, output_names, stacked
 from forcectl.plant.plant_model import PlantModel
 
-_INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displacement", "sliding")
+_INPUTS = (*FORCES, "motor_displacement", "path_displacement", "sliding")
 
 
 @dataclass(kw_only=True)
@@ -76,20 +76,23 @@ class PerArm(PythonDiagram):
             inner = DiagramBuilder()
             with about(laws[arm]):
                 law = laws[arm].add_to(inner, model.loop(i))
-                require_force_law(law, _INPUTS[:2])
+                require_force_law(law, FORCES)
             added.append(builder.AddNamedSystem(arm, Enclosed(inner, law)))
         for name in _INPUTS:
-            users = [(i, law) for i, law in enumerate(added) if law.HasInputPort(name)]
-            if users:
+            numbered = [(i, law) for i, law in enumerate(added) if law.HasInputPort(name)]
+            if numbered:
                 each = builder.AddNamedSystem(name, Demultiplexer([1] * k))
                 builder.ExportInput(each.get_input_port(), name)
-                for i, law in users:
+                for i, law in numbered:
                     builder.Connect(each.get_output_port(i), law.GetInputPort(name))
+        self.optional_inputs: list[str] = []
         for name in dict.fromkeys(name for law in added for name in input_names(law) if name not in _INPUTS):
-            ports = [law.GetInputPort(name) for law in added if law.HasInputPort(name)]
-            whole = builder.ExportInput(ports[0], name)
-            for port in ports[1:]:
-                builder.ConnectInput(whole, port)
+            users = [law for law in added if law.HasInputPort(name)]
+            whole = builder.ExportInput(users[0].GetInputPort(name), name)
+            for law in users[1:]:
+                builder.ConnectInput(whole, law.GetInputPort(name))
+            if all(name in optional_inputs(law) for law in users):
+                self.optional_inputs.append(name)
         commands = [law.GetOutputPort("displacement_command") for law in added]
         builder.ExportOutput(stacked(builder, "displacement_commands", commands), "displacement_command")
         self.port_units: dict[str, str] = {}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, Multiplexer
 
 from forcectl.errors import BadInputError, about
@@ -66,16 +66,16 @@ def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> 
         builder.ExportOutput(port, name)
 
 
-def export_all_outputs(builder: DiagramBuilder, system: System, but: Sequence[str] = ()) -> None:
+def export_all_outputs(builder: DiagramBuilder, system: System, but: Collection[str] = ()) -> None:
     """Export the outputs of a system under their own names, in their order, but for those named in `but`."""
     ports = map(system.get_output_port, range(system.num_output_ports()))
     export_outputs(builder, {port.get_name(): port for port in ports if port.get_name() not in but})
 
 
-def export_all_inputs(builder: DiagramBuilder, system: System) -> None:
-    """Export the inputs of a system under their own names, in their order."""
-    for port in map(system.get_input_port, range(system.num_input_ports())):
-        builder.ExportInput(port, port.get_name())
+def export_all_inputs(builder: DiagramBuilder, system: System, but: Collection[str] = ()) -> dict[str, InputPortIndex]:
+    """Export the inputs of a system under their own names, in their order, but for those named in `but`; by name."""
+    names = [name for name in input_names(system) if name not in but]
+    return {name: builder.ExportInput(system.GetInputPort(name), name) for name in names}
 
 
 def stacked(builder: DiagramBuilder, name: str, ports: Sequence[OutputPort]) -> OutputPort:
@@ -99,6 +99,24 @@ def output_names(system: System) -> list[str]:
     return [system.get_output_port(i, False).get_name() for i in range(system.num_output_ports())]
 
 
+def optional_inputs(system: System) -> tuple[str, ...]:
+    """Inputs that may stay open, by the block's own word (attribute `optional_inputs`)."""
+    return tuple(getattr(system, "optional_inputs", ()))
+
+
+class Around(PythonDiagram):
+    """Base of the diagrams around a system that have its inputs: what it says of their delays and need holds for them.
+
+    Args:
+        system: within the diagram.
+    """
+
+    def __init__(self, system: System):
+        super().__init__()
+        self.sample_delay = dict(getattr(system, "sample_delay", {}))
+        self.optional_inputs = optional_inputs(system)
+
+
 class Enclosed(PythonDiagram):
     """What a configuration added to a builder of its own.
 
@@ -119,7 +137,7 @@ class Enclosed(PythonDiagram):
 
     def __init__(self, builder: DiagramBuilder, system: System):
         super().__init__()
-        self.optional_inputs = tuple(getattr(system, "optional_inputs", ()))
+        self.optional_inputs = optional_inputs(system)
         export_all_inputs(builder, system)
         export_all_outputs(builder, system)
         builder.BuildInto(self)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 
-from pydrake.systems.framework import InputPort, OutputPort, System
+from pydrake.systems.framework import InputPort, OutputPort
 
 from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError
@@ -83,11 +83,6 @@ def value_type(port: InputPort | OutputPort) -> str:
         return "abstract"
     text = re.sub(r"(?:𝓣|\[).*", "", inner.group(1).rpartition(".")[2])
     return text if text and text != "object" else type(holder.get_value()).__name__
-
-
-def optional_inputs(system: System) -> tuple[str, ...]:
-    """Inputs that may stay open, by the block's own word (attribute `optional_inputs`)."""
-    return tuple(getattr(system, "optional_inputs", ()))
 
 
 def _all_ports(wiring: Wiring, side: Side) -> dict[PortAddress, tuple[str, str]]:

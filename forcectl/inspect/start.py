@@ -7,7 +7,7 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, System
 
-from forcectl.inspect.ports import optional_inputs
+from forcectl.framework.wiring import optional_inputs
 from forcectl.inspect.wiring import Wiring, is_vector
 
 # A failed precondition in C++ can arrive as SystemExit; looking at a diagram must not end the process.

@@ -14,8 +14,9 @@ from pydrake.systems.analysis import ApplySimulatorConfig, InitializeParams, Sim
 from pydrake.systems.framework import Context, InputPort, OutputPort, System
 
 from forcectl.errors import BadInputError, RunFailedError, invalid, unknown
+from forcectl.framework.wiring import optional_inputs
 from forcectl.inspect.names import own_name, said_type
-from forcectl.inspect.ports import one_output, optional_inputs, unit
+from forcectl.inspect.ports import one_output, unit
 from forcectl.inspect.schedule import instants
 from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
 from forcectl.testing.faults import Fault, FaultyPorts

@@ -111,6 +111,23 @@ def test_an_input_that_nothing_puts_out_is_refused_for_a_law_and_a_reference() -
     fc.build(scenario(reference=Part({"hope": 1}, {"desired_force": 1}, optional=("hope",))))
 
 
+WITH_OPTIONAL = law({"hope": 1}, optional=("hope",))
+
+
+@pytest.mark.parametrize(
+    ("tag", "keys"),
+    [
+        ("PerArm", {"laws": {"arm": WITH_OPTIONAL}}),
+        ("Approach", {"law": WITH_OPTIONAL}),
+        ("Governed", {"law": WITH_OPTIONAL, "inner_bandwidth": 1.5}),
+        ("Passive", {"law": WITH_OPTIONAL}),
+        ("InvarianceControl", {"nominal": WITH_OPTIONAL}),
+    ],
+)
+def test_what_a_law_needs_not_it_needs_not_within_others(tag: str, keys: dict[str, Any]) -> None:
+    fc.build(scenario(controller=Tagged(keys, tag)))
+
+
 def test_an_input_of_a_reference_is_the_signal_of_its_name() -> None:
     reference = Part({"own_signal": 2}, {"desired_force": 1, "sum_of_inputs": 1})
     diagram = fc.run(scenario(reference=reference, **OWN)).diagram

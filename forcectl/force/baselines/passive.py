@@ -35,10 +35,9 @@ from forcectl.errors import about
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.law import AroundLawConfig, low_pass, require_force_law
 from forcectl.framework.batch import BatchParameter, BatchValue
-from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.framework.wiring import export_all_outputs, input_names
+from forcectl.framework.wiring import Around, export_all_inputs, export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -104,7 +103,7 @@ class PassivityController(SampledBatch):
         return self.choose(good, new, memory)
 
 
-class PassiveForceLaw(PythonDiagram):
+class PassiveForceLaw(Around):
     """A force law behind whose command stand passivity observer and controller.
 
     ```
@@ -128,15 +127,12 @@ class PassiveForceLaw(PythonDiagram):
     """
 
     def __init__(self, builder: DiagramBuilder, law: System, controller: PassivityController):
-        super().__init__()
+        super().__init__(law)
         require_force_law(law, ["measured_force"])
-        self.sample_delay = dict(getattr(law, "sample_delay", {}))
         builder.AddNamedSystem("passivity", controller)
         builder.Connect(law.GetOutputPort("displacement_command"), controller.GetInputPort("law_command"))
-        for name in input_names(law):
-            port = builder.ExportInput(law.GetInputPort(name), name)
-            if name == "measured_force":
-                builder.ConnectInput(port, controller.GetInputPort(name))
+        inputs = export_all_inputs(builder, law)
+        builder.ConnectInput(inputs["measured_force"], controller.GetInputPort("measured_force"))
         export_all_outputs(builder, controller)
         export_all_outputs(builder, law, but=("displacement_command", "displacement_velocity_command"))
         builder.BuildInto(self)

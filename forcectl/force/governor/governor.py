@@ -35,13 +35,13 @@ from forcectl.force.governor.program import (
     over_horizon,
 )
 from forcectl.force.governor.stability import StabilityReport, feedback_weight, stability_report
-from forcectl.force.law import AroundLawConfig, model_bandwidth
+from forcectl.force.law import FORCES, AroundLawConfig, model_bandwidth
 from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order, whole_multiple
-from forcectl.framework.block import PythonDiagram, scratch
+from forcectl.framework.block import scratch
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.framework.wiring import export_all_outputs, input_names
+from forcectl.framework.wiring import Around, export_all_inputs, export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver, solver_choices
@@ -122,7 +122,7 @@ class CommandGovernor(SampledBatch):
         super().__init__(size, parameters)
         self._period = period
         self.sample_delay = {("measured_force", "governed_reference"): 0.0}
-        inputs = [self.DeclareVectorInputPort(name, size) for name in ("desired_force", "measured_force")]
+        inputs = [self.DeclareVectorInputPort(name, size) for name in FORCES]
         self._program = scratch(self, "quadratic program", partial(GovernorProgram, self._horizon, solver=solver))
         start = batch_values("initial_force", initial_force, size)
         memory = {
@@ -230,7 +230,7 @@ def _by_element(values: Sequence[BatchValue]) -> list[list[float]]:
     return rows
 
 
-class GovernedForceLaw(PythonDiagram):
+class GovernedForceLaw(Around):
     """A force law behind a command governor (Fig. 4.12).
 
     ```
@@ -256,19 +256,16 @@ class GovernedForceLaw(PythonDiagram):
     port_units = {"governed_reference": "N", "governor_status": "1"}
 
     def __init__(self, builder: DiagramBuilder, law: System, governor: CommandGovernor):
-        super().__init__()
-        for name in ("desired_force", "measured_force"):
+        super().__init__(law)
+        for name in FORCES:
             if not law.HasInputPort(name):
                 raise BadInputError(f"{type(law).__name__} has no input port {name!r}: a governed law must have one")
-        self.sample_delay = dict(getattr(law, "sample_delay", {}))
         builder.AddNamedSystem("governor", governor)
         builder.ExportInput(governor.GetInputPort("desired_force"), "desired_force")
         measured = builder.ExportInput(governor.GetInputPort("measured_force"), "measured_force")
         builder.ConnectInput(measured, law.GetInputPort("measured_force"))
         builder.Connect(governor.GetOutputPort("governed_reference"), law.GetInputPort("desired_force"))
-        for name in input_names(law):
-            if name not in ("desired_force", "measured_force"):
-                builder.ExportInput(law.GetInputPort(name), name)
+        export_all_inputs(builder, law, but=FORCES)
         builder.ExportOutput(governor.GetOutputPort("governed_reference"), "governed_reference")
         builder.ExportOutput(governor.GetOutputPort("status"), "governor_status")
         export_all_outputs(builder, law)

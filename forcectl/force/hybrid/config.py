@@ -26,9 +26,10 @@ from forcectl.force.hybrid.motion import HybridMotion
 from forcectl.force.hybrid.surface_normal import SurfaceNormal
 from forcectl.force.hybrid.task_axes import DIRECTIONS, TaskAxes, TaskWrench
 from forcectl.force.integral import IntegralConfig
+from forcectl.force.law import FORCES
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
-from forcectl.framework.wiring import Enclosed, add_part, input_names, stacked
+from forcectl.framework.wiring import Enclosed, add_part, input_names, optional_inputs, stacked
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.plant_model import PlantModel
 
@@ -37,7 +38,7 @@ Array = NDArray[np.float64]
 _SOFTEST = 1.0  # [m/N] along an axis
 _ALONG_NORMAL = 0.7  # least cosine to the normal with which the model's C_E is that of a direction
 _ACROSS = 1e-6  # square of the cosine to the normal up to which an axis is across it
-_OFFERED = ("desired_force", "measured_force", "motor_displacement", "path_displacement", "sliding")
+_OFFERED = (*FORCES, "motor_displacement", "path_displacement", "sliding")
 
 
 @dataclass(kw_only=True)
@@ -261,9 +262,9 @@ def _add_law(
     inner, tag = DiagramBuilder(), type(direction.law).__name__
     law = add_part(direction.law, f"directions.{name}.law", inner, own)
     inputs = input_names(law)
-    if not law.HasOutputPort("displacement_command") or not {"desired_force", "measured_force"} <= set(inputs):
+    if not law.HasOutputPort("displacement_command") or not set(FORCES) <= set(inputs):
         raise BadInputError(f"{tag} is no force law: must be one of a scalar force", key=f"directions.{name}.law")
-    missing = [port for port in inputs if port not in (*_OFFERED, *getattr(law, "optional_inputs", ()))]
+    missing = [port for port in inputs if port not in (*_OFFERED, *optional_inputs(law))]
     if missing:
         wants = f"{tag} wants {', '.join(missing)}: must be a law of {', '.join(_OFFERED)}"
         raise BadInputError(wants, key=f"directions.{name}.law")

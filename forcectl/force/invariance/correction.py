@@ -23,15 +23,13 @@ from forcectl.errors import BadInputError, about
 from forcectl.force.adaptive_force_law import AdaptivePlanConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
-from forcectl.force.law import model_bandwidth, require_force_law
+from forcectl.force.law import FORCES, model_bandwidth, require_force_law
 from forcectl.framework.batch import BatchValue
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key, slot
 from forcectl.framework.sampled_block import Memory
-from forcectl.framework.wiring import Enclosed, input_names
+from forcectl.framework.wiring import Enclosed, input_names, optional_inputs
 from forcectl.plant.plant_model import PlantModel
-
-_OFFERED = ("desired_force", "measured_force")  # to a nominal law
 
 
 class InvarianceCorrection(InvarianceForceLaw):
@@ -106,7 +104,7 @@ class InvarianceControl(PythonDiagram):
         builder = DiagramBuilder()
         builder.AddNamedSystem("nominal", nominal)
         builder.AddNamedSystem("correction", correction)
-        for name in (*_OFFERED, "compliance"):
+        for name in (*FORCES, "compliance"):
             first, *others = [s.GetInputPort(name) for s in (nominal, correction) if s.HasInputPort(name)] or [None]
             if first is not None:
                 index = builder.ExportInput(first, name)
@@ -143,9 +141,9 @@ class InvarianceControlConfig(InvarianceLimits):
         with about(self.nominal):
             nominal = self.nominal.add_to(builder, model)
             require_force_law(nominal, [])
-            if missing := [name for name in input_names(nominal) if name not in _OFFERED]:
+            if missing := [name for name in input_names(nominal) if name not in (*FORCES, *optional_inputs(nominal))]:
                 name = type(self.nominal).__name__
-                raise BadInputError(f"{name} wants {', '.join(missing)}: must be a law of {', '.join(_OFFERED)}")
+                raise BadInputError(f"{name} wants {', '.join(missing)}: must be a law of {', '.join(FORCES)}")
         return InvarianceControl(Enclosed(builder, nominal), correction)
 
 

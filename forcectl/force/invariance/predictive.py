@@ -34,10 +34,9 @@ from pydrake.systems.primitives import Demultiplexer, Multiplexer
 from forcectl.force.invariance.force_law import InvarianceConfig
 from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.batch import BatchParameter, BatchValue, check_order
-from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.framework.wiring import export_all_outputs
+from forcectl.framework.wiring import Around, export_all_outputs
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.plant_model import PlantModel
 
@@ -170,7 +169,7 @@ class PredictiveCorrection(SampledBatch):
         }
 
 
-class PredictiveForceLaw(PythonDiagram):
+class PredictiveForceLaw(Around):
     """A force law with its command corrected for surface and drive, and the known filters of the loop.
 
     ```
@@ -198,8 +197,7 @@ class PredictiveForceLaw(PythonDiagram):
     def __init__(
         self, law: System, correction: PredictiveCorrection, filters: tuple[PositionLoop, PositionLoop, System]
     ):
-        super().__init__()
-        self.sample_delay = dict(getattr(law, "sample_delay", {}))
+        super().__init__(law)
         builder, n = DiagramBuilder(), correction.size
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
         add("law", law)

@@ -19,7 +19,7 @@ from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag, sensor_model
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
-from forcectl.framework.wiring import export_all_outputs, input_names
+from forcectl.framework.wiring import export_all_inputs, export_all_outputs
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
@@ -58,8 +58,7 @@ class AdaptiveInvarianceController(PythonDiagram):
         add("estimator", estimator)
         filter_ = add("displacement_filter", sensor_model(model, 1))
         tip = add("motor_displacement", model.tip_displacement())
-        names = [name for name in input_names(controller) if name != "compliance"]
-        ports = {name: builder.ExportInput(controller.GetInputPort(name), name) for name in names}
+        ports = export_all_inputs(builder, controller, but=["compliance"])
         builder.ConnectInput(ports["motor_position"], tip.get_input_port())
         builder.ConnectInput(ports["measured_force"], estimator.GetInputPort("measured_force"))
         displacement = tip.get_output_port()

@@ -13,9 +13,8 @@ from pydrake.systems.framework import DiagramBuilder
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import LinearForceLaw, VrftConfig
 from forcectl.force.vrft.motor_side import MotorSideRecord
-from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key
-from forcectl.framework.wiring import export_all_outputs
+from forcectl.framework.wiring import Around, export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -49,7 +48,7 @@ def add_tuned_law(
         export_all_outputs(builder, block)
 
 
-class AdaptiveVrft(PythonDiagram):
+class AdaptiveVrft(Around):
     """A force law with the gains that recursive VRFT finds meanwhile.
 
     ```
@@ -71,8 +70,7 @@ class AdaptiveVrft(PythonDiagram):
     """
 
     def __init__(self, law: LinearForceLaw, tuner: RecursiveVrft):
-        super().__init__()
-        self.sample_delay = dict(law.sample_delay)
+        super().__init__(law)
         builder = DiagramBuilder()
         add_tuned_law(builder, law, tuner)
         builder.BuildInto(self)

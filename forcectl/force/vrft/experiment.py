@@ -21,10 +21,9 @@ from forcectl.force.linear_law import REGULATE, LinearForceLaw
 from forcectl.force.vrft.adaptive import add_tuned_law
 from forcectl.force.vrft.motor_side import MotorSideRecord
 from forcectl.framework.batch import BatchParameter, BatchValue, check
-from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.framework.wiring import add_part
+from forcectl.framework.wiring import Around, add_part
 from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.tuning.motor_positions import INPUTS, DriveFilter
@@ -94,7 +93,7 @@ class ExperimentSequencer(SampledBatch):
         return dict(zip(_MEMORY, (mode, excitation, since, kp_then, ki_then), strict=True))
 
 
-class VrftExperiment(PythonDiagram):
+class VrftExperiment(Around):
     """A force law that tunes itself in an open-loop experiment before it regulates.
 
     ```
@@ -128,8 +127,7 @@ class VrftExperiment(PythonDiagram):
         sequencer: ExperimentSequencer,
         motor_side: MotorSideRecord | None = None,
     ):
-        super().__init__()
-        self.sample_delay = dict(law.sample_delay)
+        super().__init__(law)
         builder = DiagramBuilder()
         source = add_part(excitation, "excitation", builder, compliance).GetOutputPort("excitation")
         add_tuned_law(builder, law, tuner, motor_side)

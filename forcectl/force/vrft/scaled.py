@@ -16,15 +16,15 @@ from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.estimation.excited_compliance import ExcitedCompliance
+from forcectl.force.law import FORCES
 from forcectl.force.linear_law import GAINS, LinearForceLaw, VrftConfig
 from forcectl.force.sensor_lag import sensor_model
-from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import key
-from forcectl.framework.wiring import affine, export_all_outputs
+from forcectl.framework.wiring import Around, affine, export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 
 
-class ScaledVrft(PythonDiagram):
+class ScaledVrft(Around):
     """A force law with gains in proportion to the compliance that is estimated meanwhile.
 
     ```
@@ -59,8 +59,7 @@ class ScaledVrft(PythonDiagram):
         slopes: NDArray[np.float64],
         offsets: NDArray[np.float64],
     ):
-        super().__init__()
-        self.sample_delay = dict(law.sample_delay)
+        super().__init__(law)
         size = law.size
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
@@ -70,7 +69,7 @@ class ScaledVrft(PythonDiagram):
         slope = np.vstack([np.diag(row) for row in slopes])
         scale = add("gains_of_compliance", affine(slope, offsets.ravel()))
         gains = add("gains", Demultiplexer([size] * 3))
-        for name in ("desired_force", "measured_force"):
+        for name in FORCES:
             outer = builder.ExportInput(law.GetInputPort(name), name)
             builder.ConnectInput(outer, estimator.GetInputPort(name))
         builder.ExportInput(displacement_filter.get_input_port(), "motor_displacement")
