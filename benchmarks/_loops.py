@@ -8,12 +8,9 @@ from typing import Any
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
+from forcectl.diagrams.log import LoggedLoop
 from forcectl.diagrams.loop import Loop
-from forcectl.diagrams.one_dimensional_loop import (
-    OneDimensionalLoop,
-    OneDimensionalLoopConfig,
-    build_one_dimensional_loop,
-)
+from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoopConfig, build_one_dimensional_loop
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.motion.references import StepConfig
@@ -28,7 +25,7 @@ def build(fidelity: str, **station: Any) -> Loop:
     return Scenario(station=own, controller=IntegralConfig(), reference=StepConfig(force=15.0)).build()
 
 
-def build_scalar(size: int = 1, linear: bool = False) -> OneDimensionalLoop:
+def build_scalar(size: int = 1, linear: bool = False) -> LoggedLoop:
     """The scalar loop of Fig. 2.2 for a batch of `size`, with its log."""
     config = OneDimensionalLoopConfig.linear() if linear else OneDimensionalLoopConfig()
     return build_one_dimensional_loop(config, size=size)

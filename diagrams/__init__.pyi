@@ -27,7 +27,6 @@ from forcectl.diagrams.model import ModelConfig as ModelConfig
 from forcectl.diagrams.model import Setting as Setting
 from forcectl.diagrams.model import plant_model as plant_model
 from forcectl.diagrams.model import read_friction as read_friction
-from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoop as OneDimensionalLoop
 from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoopConfig as OneDimensionalLoopConfig
 from forcectl.diagrams.one_dimensional_loop import build_one_dimensional_loop as build_one_dimensional_loop
 from forcectl.diagrams.sensors import ContactTruthConfig as ContactTruthConfig

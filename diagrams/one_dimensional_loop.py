@@ -3,19 +3,18 @@
     desired_force -> force law -> position loop -> servo -> contact -> force sensor -+
                          ^-----------------------------------------------------------+
 
-No robot, only its compliance. Element i of the batch has the values of element i of every parameter in the Context
-(`set_batch`) and the noise of its own seed, and gives what the same loop gives alone. A scenario of one dimension whose
-blocks all know of batches is such a loop (`scalar_loop`), to rounding.
+No robot, only its compliance. Element i of the batch has the values of element i of every parameter in the Context and
+the noise of its own seed, and gives what the same loop gives alone. A scenario of one dimension whose blocks all know
+of batches is such a loop (`scalar_loop`), to rounding.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
 from forcectl.conventions import Components
@@ -23,10 +22,10 @@ from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.loop import LoopParts
 from forcectl.diagrams.model import ModelConfig
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import BadInputError, unknown
+from forcectl.errors import BadInputError
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.slot import ControllerConfig
-from forcectl.framework.batch import BatchBlock, check_count
+from forcectl.framework.batch import check_count
 from forcectl.framework.fields import Config, key, knows_batches
 from forcectl.framework.wiring import input_names
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
@@ -73,48 +72,10 @@ class OneDimensionalLoopConfig(Config, in_batches=True):
         )
 
 
-@dataclass(frozen=True)
-class OneDimensionalLoop(LoggedLoop):
-    """A loop ready to simulate; every logged signal has one row per batch element."""
-
-    def set_batch(self, context: Context, values: Mapping[str, ArrayLike]) -> None:
-        """Set parameters element by element in a root context of `diagram`.
-
-        Args:
-            values: by "block.parameter" (`batch_parameters` lists them), a number or one per batch element.
-
-        Raises:
-            BadInputError: unknown name, wrong length or a value that is not allowed.
-        """
-        known = self.batch_parameters()
-        for name, value in values.items():
-            if name not in known:
-                raise unknown("batch parameter", name, known)
-            block, parameter = name.split(".")
-            system = self.diagram.GetSubsystemByName(block)
-            system = next(s for s in _batch_blocks(system) if parameter in s.parameter_names)
-            system.set_parameter(system.GetMyMutableContextFromRoot(context), parameter, value)
-
-    def batch_parameters(self) -> list[str]:
-        """Names that `set_batch` takes."""
-        return [
-            f"{system.get_name()}.{parameter}"
-            for system in self.diagram.GetSystems()
-            for block in _batch_blocks(system)
-            for parameter in block.parameter_names
-        ]
-
-
-def _batch_blocks(system: System) -> list[BatchBlock]:
-    if isinstance(system, Diagram):
-        return [block for inner in system.GetSystems() for block in _batch_blocks(inner)]
-    return [system] if isinstance(system, BatchBlock) else []
-
-
 def build_one_dimensional_loop(
     config: OneDimensionalLoopConfig | None = None, *, size: int = 1, seeds: Sequence[int] | None = None
-) -> OneDimensionalLoop:
-    """The loop for a batch of `size`.
+) -> LoggedLoop:
+    """The loop for a batch of `size`; every logged signal has one row per batch element.
 
     Args:
         seeds: of the sensor noise, one per batch element; 0, 1, 2, ... when None.
@@ -180,7 +141,7 @@ def build_one_dimensional_loop(
     sink, signals = add_log(builder, ports, config.period, dict.fromkeys(ports, elements) if size > 1 else {})
     diagram = builder.Build()
     diagram.set_name("one_dimensional_loop")
-    return OneDimensionalLoop(diagram, sink, signals, config.period)
+    return LoggedLoop(diagram, sink, signals, config.period)
 
 
 def _add_law(builder: DiagramBuilder, config: OneDimensionalLoopConfig, model: PlantModel) -> System:

@@ -11,14 +11,9 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
 from forcectl.conventions import unit_of
-from forcectl.diagrams.log import LoggedSignal
+from forcectl.diagrams.log import LoggedLoop, LoggedSignal
 from forcectl.diagrams.model import Setting
-from forcectl.diagrams.one_dimensional_loop import (
-    OneDimensionalLoop,
-    build_one_dimensional_loop,
-    is_scalar,
-    scalar_loop,
-)
+from forcectl.diagrams.one_dimensional_loop import build_one_dimensional_loop, is_scalar, scalar_loop
 from forcectl.errors import RunFailedError
 from forcectl.framework.fields import stacked
 from forcectl.framework.linear_batch import WIDE
@@ -92,7 +87,7 @@ def simulate_batch(
 class _Batch:
     """A loop whose first elements are scenarios of one robot."""
 
-    loop: OneDimensionalLoop
+    loop: LoggedLoop
     scenarios: Sequence[Scenario]
     setting: Setting
 

@@ -60,10 +60,14 @@ def slide(
     simulator = Simulator(loop.diagram)
     context = simulator.get_mutable_context()
     if len(controllers) > 1:
-        loop.set_batch(context, {f"force_law.{name}": [getattr(c, name) for c in controllers] for name in GAINS})
+        law = loop.diagram.GetSubsystemByName("force_law")
+        for name in GAINS:
+            law.set_parameter(law.GetMyMutableContextFromRoot(context), name, [getattr(c, name) for c in controllers])
     found = []
     for i, materials in enumerate(zip(*paths, strict=True)):
-        loop.set_batch(context, {"contact.stiffness": [STIFFNESS[name] for name in materials]})
+        contact = loop.diagram.GetSubsystemByName("contact")
+        stiffness = [STIFFNESS[name] for name in materials]
+        contact.set_parameter(contact.GetMyMutableContextFromRoot(context), "stiffness", stiffness)
         simulator.AdvanceTo((i + 1) * stay)
         law = loop.diagram.GetSubsystemByName("force_law")
         if law.HasOutputPort("integral_gain"):
