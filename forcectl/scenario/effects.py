@@ -17,6 +17,7 @@ from forcectl.analysis.tracking_metrics import TRACKING_METRICS
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
+from forcectl.framework.yaml_tree import Tagged
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import unit_normal
 from forcectl.scenario.catalog import find_preset
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from forcectl.scenario.scenario import Scenario
 
 _SLOW = ("_gain", "_bandwidth", "_rate", "bandwidth")  # ends of keys in 1/s or rad/s that are one over a time
-_SHALLOWEST = 1e-6  # [m] of an excitation
 _NOTHING = 1e-4  # [Nm, N] of loads together
 _RELAXED = 1.0  # [s] damping over stiffness of a surface: rubber has some 0.1 s
 _OF_MATERIALS = ("stiffness", "damping")  # keys of an environment that its materials stand for
@@ -92,8 +92,7 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
         if all(getattr(each, attribute, None) is value for each in every)
         for name in keys
     }
-    preset = find_preset(scenario.preset, to_tree(scenario.station.drive, "drive").tag or "").tree
-    lines = []
+    preset, lines = preset_tree(scenario), []
     for key, part in configs(scenario.station, "station"):
         usual: Any = preset
         for name in key.split("."):
@@ -233,12 +232,8 @@ def check_surfaces(scenario: Scenario, loop: Loop) -> None:
                     raise invalid(f"surface.heights.{name}.wavelength", length, f"at most {most:g} m, twice length")
             if scenario.as_written and moves and hasattr(scenario.motion, "direction"):
                 _check_met(scenario.motion, contact)
-            if (
-                at_rest
-                and scenario.as_written
-                and surface.materials is not None
-                and len(surface.materials.segments) > 1
-            ):
+            several = surface.materials is not None and len(surface.materials.segments) > 1
+            if at_rest and scenario.as_written and several:
                 raise invalid("surface.materials.segments", "several", "one without a motion along the surface")
             for name in ("slope", "heights") if at_rest and not surface.turning else ():
                 if value := getattr(surface, name):
@@ -275,10 +270,14 @@ def _check_met(motion: Any, contact: Contact) -> None:
             raise BadInputError(level, key=f"surface.heights.{name}")
 
 
+def preset_tree(scenario: Scenario) -> Tagged:
+    """What the preset of a scenario says, that of its drive."""
+    return find_preset(scenario.preset, to_tree(scenario.station.drive, "drive").tag or "").tree
+
+
 def _check_materials(scenario: Scenario, environment: Any) -> None:
     """Beside materials only a preset says what one material would be."""
-    preset = find_preset(scenario.preset, to_tree(scenario.station.drive, "drive").tag or "").tree
-    usual = preset.get("station", {}).get("environment", {})
+    usual = preset_tree(scenario).get("station", {}).get("environment", {})
     for field in fields(environment):
         value = getattr(environment, field.name)
         if field.name in _OF_MATERIALS and value not in (default_of(field), usual.get(field.name)):
@@ -300,13 +299,18 @@ def own_values(part: Any, key: str, *units: str) -> Iterator[tuple[str, Field[An
 
 def configs(part: Any, key: str) -> Iterator[tuple[str, Config]]:
     """A configuration and every one within it, by dotted key."""
+    return ((each_key, each) for each_key, each in parts_within(part, key) if isinstance(each, Config))
+
+
+def parts_within(part: Any, key: str) -> Iterator[tuple[str, Any]]:
+    """A part and everything within it, by dotted key, a user's own object as a whole."""
+    yield key, part
     inner: Mapping[Any, Any] = {}
     if isinstance(part, Config):
-        yield key, part
         inner = {field.name: getattr(part, field.name) for field in fields(part)}  # type: ignore[arg-type]
     elif isinstance(part, Mapping):
         inner = part
     elif isinstance(part, list | tuple):
         inner = dict(enumerate(part))
     for name, each in inner.items():
-        yield from configs(each, join(key, name))
+        yield from parts_within(each, join(key, name))

@@ -7,17 +7,16 @@ seed. Controller, reference, motion and duration are the experiment's own. Its c
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from forcectl.errors import BadInputError, one_line, show
-from forcectl.framework.fields import Config
 from forcectl.framework.reader import join
 from forcectl.framework.yaml_tree import Tagged, Tree, dump
 from forcectl.scenario.catalog import IMPORT
+from forcectl.scenario.effects import parts_within
 from forcectl.scenario.trees import tree_of_fields
 
 if TYPE_CHECKING:
@@ -123,21 +122,9 @@ def asks_for_gains(scenario: Scenario) -> bool:
 
 def _asking(scenario: Scenario) -> Iterator[tuple[str, Any]]:
     """The laws of a scenario that ask for gains, by dotted key."""
-    yield from _asking_in(scenario.controller, "controller")
-
-
-def _asking_in(part: Any, key: str) -> Iterator[tuple[str, Any]]:
-    if getattr(part, "gains_from", None) is not None:
-        yield key, part
-    inner: Mapping[Any, Any] = {}
-    if isinstance(part, Config):
-        inner = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}  # type: ignore[arg-type]
-    elif isinstance(part, Mapping):
-        inner = part
-    elif isinstance(part, list | tuple):
-        inner = dict(enumerate(part))
-    for name, each in inner.items():
-        yield from _asking_in(each, f"{key}.{name}")
+    for key, law in parts_within(scenario.controller, "controller"):
+        if getattr(law, "gains_from", None) is not None:
+            yield key, law
 
 
 def _identification(scenario: Scenario, key: str, law: Any, experiment: Experiment) -> Identification:

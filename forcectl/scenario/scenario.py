@@ -32,7 +32,7 @@ from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.code import check_imports
-from forcectl.scenario.effects import check_judged, unread
+from forcectl.scenario.effects import check_judged, preset_tree, unread
 from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation, Judged, judged_metrics
 from forcectl.scenario.gains import identifications
@@ -117,11 +117,8 @@ class Scenario(Config):
             raise invalid("reference_model", self.reference_model, "left out where nothing takes a desired force")
         check_built(self, loop)
         check_judged(self, loop)
-        return (
-            replace(loop, probes=(*loop.probes, *probes_of(loop.diagram, self.log, loop.workcell)))
-            if self.log
-            else loop
-        )
+        probes = probes_of(loop.diagram, self.log, loop.workcell) if self.log else ()
+        return replace(loop, probes=(*loop.probes, *probes))
 
     def experiment(self, name: str, variant: str | None) -> Scenario:
         """The experiment that a law names in `gains_from`, without following what that one names."""
@@ -380,8 +377,7 @@ def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
     trees = {name: tree_of_fields(scenario) for name, scenario in scenarios.items()}
     for name, tree in trees.items():
         tree.update(variants=Tagged())
-        drive = to_tree(scenarios[name].station.drive, "drive").tag
-        leave_out(tree, catalog.find_preset(scenarios[name].preset, drive).tree)
+        leave_out(tree, preset_tree(scenarios[name]))
     base = trees[names[0]]
     lines = zip(scenarios[names[0]].expect, base["expect"], strict=True)
     base["expect"] = [_without_nulls(part) for line, part in lines if {*line.variants(names).values()} <= {*names}]
