@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
-from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, MatrixGain, PassThrough
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, PassThrough
 
 from forcectl.diagrams.guarded import guarded
 from forcectl.errors import BadInputError
@@ -26,7 +26,9 @@ from forcectl.framework.wiring import (
     input_names,
     optional_inputs,
     output_names,
+    split,
     stacked,
+    through,
 )
 from forcectl.plant.plant_model import PlantModel
 
@@ -100,16 +102,15 @@ class ForceController(PythonDiagram):
         if model.size == 1:
             connect(command, first.GetInputPort("displacement_command"))
         else:
-            each = add("displacement_commands", Demultiplexer([1] * model.size))
-            connect(command, each.get_input_port())
-            for i, inversion in enumerate(inversions):
-                connect(each.get_output_port(i), inversion.GetInputPort("displacement_command"))
+            each = split(builder, "displacement_commands", [1] * model.size, command)
+            for one, inversion in zip(each, inversions, strict=True):
+                connect(one, inversion.GetInputPort("displacement_command"))
         unconstrained = export(first.GetInputPort("unconstrained_reference"), "unconstrained_reference")
         # Each further loop adds its motion to that of the ones before.
         for i, (one, other) in enumerate(pairwise(inversions)):
-            so_far = add(f"motion_{i + 1}", affine(np.eye(n_q), -q_0))
-            connect(one.GetOutputPort("joint_position_command"), so_far.get_input_port())
-            connect(so_far.get_output_port(), other.GetInputPort("unconstrained_reference"))
+            commanded = one.GetOutputPort("joint_position_command")
+            so_far = through(builder, f"motion_{i + 1}", affine(np.eye(n_q), -q_0), commanded)
+            connect(so_far, other.GetInputPort("unconstrained_reference"))
         if "path_displacement" in input_names(law) and model.constant_jacobian:
             # The inversion takes it out of the path, which has some where the tool leads far from the start.
             none = add("path_displacement", ConstantVectorSource(np.zeros(model.size)))
@@ -134,9 +135,9 @@ class ForceController(PythonDiagram):
         self.optional_inputs = tuple(set(optional_inputs(law)) - {*there, *_OF_LAW})
         builder.ExportOutput(inversions[-1].GetOutputPort("joint_position_command"), "joint_position_command")
         if model.constant_jacobian and rate in ports.outputs:
-            speeds = add("joint_speeds", MatrixGain(_direction(model).reshape(-1, 1)))
-            connect(ports.outputs[rate], speeds.get_input_port())
-            builder.ExportOutput(speeds.get_output_port(), "joint_velocity_command")
+            direction = MatrixGain(_direction(model).reshape(-1, 1))
+            speeds = through(builder, "joint_speeds", direction, ports.outputs[rate])
+            builder.ExportOutput(speeds, "joint_velocity_command")
         export_outputs(builder, ports.outputs)
         check_names(builder, blocks)
         builder.BuildInto(self)

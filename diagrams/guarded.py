@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
-from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain
+from pydrake.systems.primitives import Adder, MatrixGain
 
 from forcectl.force.guard.guard import ControllerGuard
 from forcectl.force.law import FORCES
-from forcectl.framework.wiring import input_names, output_names
+from forcectl.framework.wiring import input_names, output_names, split, through
 
 
 @dataclass(frozen=True)
@@ -46,24 +46,20 @@ def guarded(
     builder.AddNamedSystem("guard", guard)
     parts_of_forces, parts_of_command = guard.sizes()
     if guard.HasInputPort(FORCES[0]):
-        forces = builder.AddNamedSystem("guarded_forces", Demultiplexer(parts_of_forces))
-        builder.Connect(guard.GetOutputPort("forces"), forces.get_input_port())
-        for i, name in enumerate(FORCES):
-            builder.Connect(forces.get_output_port(i), inputs[name])
+        forces = split(builder, "guarded_forces", parts_of_forces, guard.GetOutputPort("forces"))
+        for name, force in zip(FORCES, forces[:2], strict=True):
+            builder.Connect(force, inputs[name])
             inputs[name] = guard.GetInputPort(name)
-    taken = builder.AddNamedSystem("guarded_command", Demultiplexer(parts_of_command))
+    taken = split(builder, "guarded_command", parts_of_command, guard.GetOutputPort("guarded"))
     builder.Connect(outputs[command], guard.GetInputPort("command"))
     if guard.HasInputPort("command_rate"):
         builder.Connect(outputs[rate], guard.GetInputPort("command_rate"))
-        outputs[rate] = taken.get_output_port(3)
-    builder.Connect(guard.GetOutputPort("guarded"), taken.get_input_port())
-    outputs[command], status = taken.get_output_port(0), taken.get_output_port(1)
+        outputs[rate] = taken[3]
+    outputs[command], status = taken[:2]
     if "status" in outputs:
         own = outputs["status"]
         if own.size() > 1:
-            spread = builder.AddNamedSystem("guard_status", MatrixGain(np.ones((own.size(), 1))))
-            builder.Connect(status, spread.get_input_port())
-            status = spread.get_output_port()
+            status = through(builder, "guard_status", MatrixGain(np.ones((own.size(), 1))), status)
         total = builder.AddNamedSystem("status", Adder(2, own.size()))
         builder.Connect(own, total.get_input_port(0))
         builder.Connect(status, total.get_input_port(1))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, System
-from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
+from pydrake.systems.primitives import ConstantVectorSource
 
 from forcectl.conventions import Components
 from forcectl.diagrams.log import LoggedLoop, add_log
@@ -27,7 +27,7 @@ from forcectl.force.integral import IntegralConfig
 from forcectl.force.slot import ControllerConfig
 from forcectl.framework.batch import check_count
 from forcectl.framework.fields import Config, key, knows_batches
-from forcectl.framework.wiring import input_names
+from forcectl.framework.wiring import input_names, split
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.contact_monitor import ContactMonitor
@@ -105,9 +105,8 @@ def build_one_dimensional_loop(
     law = _add_law(builder, config, model)
     loop = config.position_loop.add_to(builder, size, config.period, unit="m")
     if config.servo.ideal:
-        parts = builder.AddNamedSystem("displacement_and_rate", Demultiplexer([size, size]))
-        connect(loop.GetOutputPort("reference"), parts.get_input_port())
-        displacement, velocity = parts.get_output_port(0), parts.get_output_port(1)
+        reached = loop.GetOutputPort("reference")
+        displacement, velocity = split(builder, "displacement_and_rate", [size, size], reached)
     else:
         servo = config.servo.add_to(builder, size, config.period)
         connect(loop.GetOutputPort("reference"), servo.GetInputPort("reference"))

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.errors import BadInputError, check_distinct, invalid
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
-from forcectl.framework.wiring import export_all_inputs, export_outputs, made_by, output_names
+from forcectl.framework.wiring import export_all_inputs, export_outputs, made_by, output_names, split, through
 from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named, frame_called
 from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig, check_acts, clashing
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
@@ -169,8 +168,7 @@ class WristForce(PythonDiagram):
             raise BadInputError(f"environment {contact.name!r} has no body to tell its force by: {other}")
         scale = config.channel_scale()
         builder = DiagramBuilder()
-        add, connect = builder.AddNamedSystem, builder.Connect
-        sensor = add(
+        sensor = builder.AddNamedSystem(
             "wrist_sensor",
             WristSensor(
                 plant,
@@ -193,17 +191,14 @@ class WristForce(PythonDiagram):
                 },
             ),
         )
-        readings_and_truth = add("readings_and_truth", Demultiplexer([7, 1]))
-        filter_ = add("sensor_filter", config.filter(7, site.period))
-        wrench_and_force = add("wrench_and_force", Demultiplexer([6, 1]))
+        readings, truth = split(builder, "readings_and_truth", [7, 1], sensor.GetOutputPort("readings"))
+        filtered = through(builder, "sensor_filter", config.filter(7, site.period), readings)
+        wrench, force = split(builder, "wrench_and_force", [6, 1], filtered)
         builder.ExportInput(sensor.GetInputPort("reaction_forces"), "reaction_forces")
         builder.ExportInput(sensor.GetInputPort("motor_position"), "motor_position")
-        connect(sensor.GetOutputPort("readings"), readings_and_truth.get_input_port())
-        connect(readings_and_truth.get_output_port(0), filter_.get_input_port())
-        connect(filter_.get_output_port(), wrench_and_force.get_input_port())
-        builder.ExportOutput(wrench_and_force.get_output_port(0), "measured_wrench")
-        builder.ExportOutput(wrench_and_force.get_output_port(1), "measured_force")
-        builder.ExportOutput(readings_and_truth.get_output_port(1), "contact_force")
+        builder.ExportOutput(wrench, "measured_wrench")
+        builder.ExportOutput(force, "measured_force")
+        builder.ExportOutput(truth, "contact_force")
         builder.BuildInto(self)
 
 

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer
+from pydrake.systems.primitives import MatrixGain
 
 from forcectl.diagrams.workcell import Workcell
 from forcectl.framework.block import PythonDiagram
-from forcectl.framework.wiring import affine, export_outputs
+from forcectl.framework.wiring import affine, export_outputs, split, stacked, through
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 
@@ -54,25 +54,20 @@ class MotorSide(PythonDiagram):
         reference = filter_.GetOutputPort("reference")
 
         row, column, nothing = contact.row, contact.direction.reshape(-1, 1), np.zeros(n_q)
-        along = add("along_normal", MatrixGain(np.block([[row, nothing], [nothing, row]])))
-        connect(reference, along.get_input_port())
+        normal = MatrixGain(np.block([[row, nothing], [nothing, row]]))
+        along = through(builder, "along_normal", normal, reference)
         if servo.ideal:
-            parts = add("displacement_and_rate", Demultiplexer([1, 1]))
-            connect(along.get_output_port(), parts.get_input_port())
-            x, rate = parts.get_output_port(0), parts.get_output_port(1)
+            x, rate = split(builder, "displacement_and_rate", [1, 1], along)
         else:
             axis = servo.add_to(builder, 1, workcell.period)
-            connect(along.get_output_port(), axis.GetInputPort("reference"))
+            connect(along, axis.GetInputPort("reference"))
             x, rate = axis.GetOutputPort("position"), axis.GetOutputPort("velocity")
 
         across, zero = np.eye(n_q) - column @ row.reshape(1, -1), np.zeros((n_q, n_q))
         position = add("motor_position", affine(np.hstack([across, zero, column]), q_0))
         velocity = add("motor_velocity", MatrixGain(np.hstack([zero, across, column])))
         for block, scalar in ((position, x), (velocity, rate)):
-            both = add(f"{block.get_name()}_inputs", Multiplexer([2 * n_q, 1]))
-            connect(reference, both.get_input_port(0))
-            connect(scalar, both.get_input_port(1))
-            connect(both.get_output_port(), block.get_input_port())
+            connect(stacked(builder, f"{block.get_name()}_inputs", [reference, scalar]), block.get_input_port())
         export_outputs(
             builder,
             {

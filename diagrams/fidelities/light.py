@@ -12,14 +12,14 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import MatrixGain
 
-from forcectl.diagrams.mechanics.assembly import Assembly, through
+from forcectl.diagrams.mechanics.assembly import Assembly
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.station_surface import add_contact_monitor, add_surface, connect_material, feed_contact
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config
-from forcectl.framework.wiring import add_part, affine, input_names
+from forcectl.framework.wiring import add_part, affine, input_names, through
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import LinkPosition, TipDisplacement
 

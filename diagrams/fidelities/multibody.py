@@ -33,7 +33,7 @@ from pydrake.systems.primitives import (
 )
 
 from forcectl.diagrams.fidelities.light import add_sensors, check_one_sided
-from forcectl.diagrams.mechanics.assembly import Assembly, selector, through
+from forcectl.diagrams.mechanics.assembly import Assembly, selector
 from forcectl.diagrams.mechanics.environment_body import drive_surface
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.station_parts import add_pairs, add_parts, apply_forces
@@ -42,7 +42,7 @@ from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, about
 from forcectl.framework.block import PythonBlock, PythonDiagram
-from forcectl.framework.wiring import Enclosed, add_part, stacked
+from forcectl.framework.wiring import Enclosed, add_part, stacked, through
 from forcectl.motion.loads import add_loads, loaded_frames
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
 from forcectl.plant.tip_kinematics import TipDisplacement

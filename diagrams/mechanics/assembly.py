@@ -27,23 +27,6 @@ STATION_INPUTS = (
 _INTERNAL = ("motor_state", "spring_torque", "torque_integral", "joint_torque", "displacement", "reaction_forces")
 
 
-def through(builder: DiagramBuilder, name: str, block: System, source: OutputPort) -> OutputPort:
-    """Add a block behind a port.
-
-    Args:
-        builder: of the station.
-        name: of the block.
-        block: with one input and one output.
-        source: what the block reads.
-
-    Returns:
-        its output.
-    """
-    builder.AddNamedSystem(name, block)
-    builder.Connect(source, block.get_input_port(0))
-    return block.get_output_port(0)
-
-
 def selector(size: int, rows: list[int], name: str) -> Selector:
     """A block that puts out some elements of a vector, at a port of this name."""
     one = SelectorParams.OutputSelection

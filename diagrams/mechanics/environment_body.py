@@ -34,6 +34,7 @@ from pydrake.systems.primitives import MatrixGain
 from forcectl.diagrams.mechanics.pressure_patch import add_slab
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, about
+from forcectl.framework.wiring import through
 from forcectl.models import add_packages
 from forcectl.plant.contact.surface_spring import SurfaceSpring
 
@@ -210,9 +211,9 @@ def drive_surface(
     elif "plane_state" in surface:
         builder.Connect(surface["plane_state"], plant.get_desired_state_input_port(instance))
     elif surface:
-        at_rest = builder.AddNamedSystem("surface_reference", MatrixGain(np.array([[1.0], [0.0]])))
-        builder.Connect(surface["surface_height"], at_rest.get_input_port())
-        builder.Connect(at_rest.get_output_port(), plant.get_desired_state_input_port(instance))
+        at_rest = MatrixGain(np.array([[1.0], [0.0]]))
+        reference = through(builder, "surface_reference", at_rest, surface["surface_height"])
+        builder.Connect(reference, plant.get_desired_state_input_port(instance))
 
 
 def _missing_compliance(workcell: Workcell, contact: Contact) -> float:

@@ -7,8 +7,9 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, Mu
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import MatrixGain
 
-from forcectl.diagrams.mechanics.assembly import Assembly, selector, through
+from forcectl.diagrams.mechanics.assembly import Assembly, selector
 from forcectl.diagrams.mechanics.site import Site
+from forcectl.framework.wiring import through
 from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening
 from forcectl.plant.contact.part_pose import PartPose
 

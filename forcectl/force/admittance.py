@@ -36,6 +36,7 @@ from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.linear_batch import state_space
 from forcectl.framework.sampled_block import Memory, SampledBatch
+from forcectl.framework.wiring import through
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.motion.velocity_generator import VelocityGenerator
 from forcectl.plant.plant_model import PlantModel
@@ -230,12 +231,12 @@ class AdmittanceForceLaw(PythonDiagram):
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         forces = add("forces", Multiplexer([n, n]))
-        error = add("force_error", MatrixGain(np.hstack([-np.eye(n), np.eye(n)])))
+        difference = MatrixGain(np.hstack([-np.eye(n), np.eye(n)]))
+        error = through(builder, "force_error", difference, forces.get_output_port())
         zero = add("zero", ConstantVectorSource(np.zeros(n)))
         add("generator", generator)
         add("admittance", admittance)
-        connect(forces.get_output_port(), error.get_input_port())
-        connect(error.get_output_port(), admittance.GetInputPort("force"))
+        connect(error, admittance.GetInputPort("force"))
         target = "target_velocity" if isinstance(generator, VelocityGenerator) else "target_position"
         connect(zero.get_output_port(), generator.GetInputPort(target))
         for name in ("position", "velocity"):

@@ -35,7 +35,7 @@ from forcectl.force.law import FORCES, AroundLawConfig, require_force_law
 from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.framework.wiring import Around, export_all_inputs, export_all_outputs, input_names, output_names
+from forcectl.framework.wiring import Around, export_all_inputs, export_all_outputs, input_names, output_names, through
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -274,9 +274,7 @@ def _add_move(builder: DiagramBuilder, move: GuardedMove, law: System) -> Output
 
 def without_move(builder: DiagramBuilder, name: str, moved: OutputPort) -> Adder:
     """A sum of what its second input is connected to, and minus the displacement of a move."""
-    back = builder.AddNamedSystem("move_back", Gain(-1.0, moved.size()))
-    builder.Connect(moved, back.get_input_port())
-    return _sum(builder, name, back.get_output_port())
+    return _sum(builder, name, through(builder, "move_back", Gain(-1.0, moved.size()), moved))
 
 
 def _sum(builder: DiagramBuilder, name: str, first: OutputPort) -> Adder:

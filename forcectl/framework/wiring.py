@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort, System
-from pydrake.systems.primitives import AffineSystem, Multiplexer
+from pydrake.systems.primitives import AffineSystem, Demultiplexer, Multiplexer
 
 from forcectl.errors import BadInputError, about
 from forcectl.framework.block import PythonDiagram
@@ -78,11 +78,25 @@ def export_all_inputs(builder: DiagramBuilder, system: System, but: Collection[s
     return {name: builder.ExportInput(system.GetInputPort(name), name) for name in names}
 
 
+def through(builder: DiagramBuilder, name: str, block: System, source: OutputPort) -> OutputPort:
+    """Add a block of this name behind a port, with one input and one output; its output."""
+    builder.AddNamedSystem(name, block)
+    builder.Connect(source, block.get_input_port(0))
+    return block.get_output_port(0)
+
+
+def split(builder: DiagramBuilder, name: str, sizes: Sequence[int], source: OutputPort) -> list[OutputPort]:
+    """The parts of these sizes of a port, one after the other, by a block of this name."""
+    block = builder.AddNamedSystem(name, Demultiplexer(sizes))
+    builder.Connect(source, block.get_input_port())
+    return [block.get_output_port(i) for i in range(len(sizes))]
+
+
 def stacked(builder: DiagramBuilder, name: str, ports: Sequence[OutputPort]) -> OutputPort:
-    """At least one port of shape (1,), one after the other, shape (k,); a single one needs no block of that name."""
+    """At least one port, one after the other in one; a single one needs no block of that name."""
     if len(ports) == 1:
         return ports[0]
-    block = builder.AddNamedSystem(name, Multiplexer([1] * len(ports)))
+    block = builder.AddNamedSystem(name, Multiplexer([port.size() for port in ports]))
     for i, port in enumerate(ports):
         builder.Connect(port, block.get_input_port(i))
     return block.get_output_port()

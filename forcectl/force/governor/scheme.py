@@ -29,6 +29,7 @@ from forcectl.force.governor.program import check_pole, check_ticks
 from forcectl.force.governor.stability import feedback_weight
 from forcectl.framework.batch import check
 from forcectl.framework.block import PythonDiagram
+from forcectl.framework.wiring import through
 
 
 class EquivalentScheme(PythonDiagram):
@@ -84,32 +85,28 @@ class EquivalentScheme(PythonDiagram):
 
         # x[k+1] = At x[k] + (1-At) F_bar is yt; F1 looks N_p ticks ahead of it.
         f1 = add("F1", _linear([[reference_pole]], [[1.0 - reference_pole]], [[decay]], 1.0 - decay, period))
-        wanted = add("of_wanted", _gain(gain))
+        wanted = through(builder, "of_wanted", _gain(gain), f1.get_output_port())
         direct = add("of_desired", _gain(1.0 - alpha))
         reference = add("A", Adder(2, 1))
-        connect(f1.get_output_port(), wanted.get_input_port())
-        connect(wanted.get_output_port(), reference.get_input_port(0))
+        connect(wanted, reference.get_input_port(0))
         connect(direct.get_output_port(), reference.get_input_port(1))
 
         # The state of F2 is r[t-1], ..., r[t-N].
         past = np.array([[inner_pole ** (i + 1) for i in range(n)]])
         f2 = add("F2", _linear(np.eye(n, k=-1), np.eye(n, 1), past, 0.0, period))
-        taken = add("of_past", _gain(-alpha))
+        taken = through(builder, "of_past", _gain(-alpha), f2.get_output_port())
         summed = add("B", Adder(3, 1))
-        connect(f2.get_output_port(), taken.get_input_port())
         connect(reference.get_output_port(), summed.get_input_port(0))
-        connect(taken.get_output_port(), summed.get_input_port(1))
+        connect(taken, summed.get_input_port(1))
         connect(summed.get_output_port(), f2.get_input_port())
 
-        inner = add("M", delayed_loop(inner_pole, true, period))
-        feedback = add("feedback", _gain(-gain * inner_pole ** (n + 1)))
-        connect(summed.get_output_port(), inner.get_input_port())
-        connect(inner.get_output_port(), feedback.get_input_port())
-        connect(feedback.get_output_port(), summed.get_input_port(2))
+        inner = through(builder, "M", delayed_loop(inner_pole, true, period), summed.get_output_port())
+        feedback = through(builder, "feedback", _gain(-gain * inner_pole ** (n + 1)), inner)
+        connect(feedback, summed.get_input_port(2))
 
         desired = builder.ExportInput(f1.get_input_port(), "desired_force")
         builder.ConnectInput(desired, direct.get_input_port())
-        builder.ExportOutput(inner.get_output_port(), "force")
+        builder.ExportOutput(inner, "force")
         builder.ExportOutput(summed.get_output_port(), "governed_reference")
         builder.BuildInto(self)
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
+from pydrake.systems.primitives import ConstantVectorSource
 
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.estimation.surface_offset import Sliding
@@ -29,7 +29,7 @@ from forcectl.force.integral import IntegralConfig
 from forcectl.force.law import FORCES
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key, slot
-from forcectl.framework.wiring import Enclosed, add_part, input_names, optional_inputs, stacked
+from forcectl.framework.wiring import Enclosed, add_part, input_names, optional_inputs, split, stacked
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.plant_model import PlantModel
 
@@ -208,11 +208,10 @@ class Hybrid(PythonDiagram):
         selected = [DIRECTIONS.index(name) for name in names]
         laws = {name: _add_law(builder, name, directions[name], axes, model) for name in names}
         wrench = add("task_wrench", TaskWrench(axes))
-        forces = add("task_forces", Demultiplexer([1] * len(DIRECTIONS)))
-        connect(wrench.get_output_port(), forces.get_input_port())
+        forces = split(builder, "task_forces", [1] * len(DIRECTIONS), wrench.get_output_port())
         motion = add("motion", HybridMotion(axes, selected, model.start, smallest=smallest, period=model.period))
-        displacements = add("motor_displacements", Demultiplexer([1] * len(names)))
-        connect(motion.GetOutputPort("motor_displacement"), displacements.get_input_port())
+        moved = motion.GetOutputPort("motor_displacement")
+        displacements = split(builder, "motor_displacements", [1] * len(names), moved)
         measured = builder.ExportInput(wrench.GetInputPort("measured_wrench"), "measured_wrench")
         position = builder.ExportInput(wrench.GetInputPort("motor_position"), "motor_position")
         builder.ConnectInput(position, motion.GetInputPort("motor_position"))
@@ -223,7 +222,7 @@ class Hybrid(PythonDiagram):
             for block in (wrench, motion):
                 connect(normal.get_output_port(), block.GetInputPort("task_normal"))
         reference = builder.ExportInput(motion.GetInputPort("unconstrained_reference"), "unconstrained_reference")
-        offered = {name: {"motor_displacement": displacements.get_output_port(i)} for i, name in enumerate(names)}
+        offered = {name: {"motor_displacement": port} for name, port in zip(names, displacements, strict=True)}
         if any("path_displacement" in input_names(law) for law in laws.values()):
             # The reference has nothing in a selected direction.
             still = add("no_path", ConstantVectorSource(np.zeros(1))).get_output_port()
@@ -234,7 +233,7 @@ class Hybrid(PythonDiagram):
             offered = {name: ports | {"sliding": slides.get_output_port()} for name, ports in offered.items()}
         for name, law in laws.items():
             direction = directions[name]
-            connect(forces.get_output_port(DIRECTIONS.index(name)), law.GetInputPort("measured_force"))
+            connect(forces[DIRECTIONS.index(name)], law.GetInputPort("measured_force"))
             if _follows_reference(name, direction):
                 builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
             else:

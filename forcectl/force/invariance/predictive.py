@@ -29,14 +29,14 @@ from math import inf
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, System
-from pydrake.systems.primitives import Demultiplexer, Multiplexer
+from pydrake.systems.primitives import Multiplexer
 
 from forcectl.force.invariance.force_law import InvarianceConfig
 from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.batch import BatchParameter, BatchValue, check_order
 from forcectl.framework.fields import key
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.framework.wiring import Around, export_all_outputs
+from forcectl.framework.wiring import Around, export_all_outputs, split
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.plant_model import PlantModel
 
@@ -206,7 +206,8 @@ class PredictiveForceLaw(Around):
         add("path_loop", path_loop)
         add("planned_loop", planned_loop)
         add("displacement_filter", sensor)
-        path, planned = add("path", Demultiplexer([n, n])), add("planned", Demultiplexer([n, n]))
+        path, _ = split(builder, "path", [n, n], path_loop.get_output_port())
+        planned, _ = split(builder, "planned", [n, n], planned_loop.get_output_port())
         both = add("displacements", Multiplexer([n, n]))
         export(law.GetInputPort("desired_force"), "desired_force")
         measured = export(law.GetInputPort("measured_force"), "measured_force")
@@ -214,14 +215,12 @@ class PredictiveForceLaw(Around):
         motor = export(correction.GetInputPort("motor_displacement"), "motor_displacement")
         builder.ConnectInput(motor, both.get_input_port(0))
         export(path_loop.get_input_port(), "path_displacement")
-        connect(path_loop.get_output_port(), path.get_input_port())
-        connect(path.get_output_port(0), both.get_input_port(1))
-        connect(path.get_output_port(0), correction.GetInputPort("path_displacement"))
+        connect(path, both.get_input_port(1))
+        connect(path, correction.GetInputPort("path_displacement"))
         connect(both.get_output_port(), sensor.get_input_port())
         connect(sensor.get_output_port(), correction.GetInputPort("felt_displacements"))
         connect(correction.GetOutputPort("planned_command"), planned_loop.get_input_port())
-        connect(planned_loop.get_output_port(), planned.get_input_port())
-        connect(planned.get_output_port(0), correction.GetInputPort("planned_displacement"))
+        connect(planned, correction.GetInputPort("planned_displacement"))
         connect(law.GetOutputPort("displacement_command"), correction.GetInputPort("nominal_command"))
         for name in ("displacement_command", "surface_offset", "drive_offset"):
             builder.ExportOutput(correction.GetOutputPort(name), name)

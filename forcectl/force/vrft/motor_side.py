@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain
+from pydrake.systems.primitives import Adder, MatrixGain
 
 from forcectl.framework.batch import batch_values
 from forcectl.framework.block import PythonDiagram
+from forcectl.framework.wiring import split, through
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.tuning.motor_positions import DriveFilter
 
@@ -40,7 +41,6 @@ class MotorSideRecord(PythonDiagram):
         super().__init__()
         self.port_units = {"input": "m", "output": "N"}
         builder = DiagramBuilder()
-        add, connect = builder.AddNamedSystem, builder.Connect
         lagged = PositionLoop(
             size,
             bandwidth=drive.bandwidth,
@@ -49,15 +49,14 @@ class MotorSideRecord(PythonDiagram):
             delay=drive.delay,
             unit="N",
         )
-        add("force_behind_h", lagged)
-        parts = add("force_and_rate", Demultiplexer([size, size]))
-        fed_back = add("compensation", MatrixGain(np.diag(batch_values("robot_compliance", robot_compliance, size))))
-        acted = add("acted", Adder(2, size))
-        connect(lagged.GetOutputPort("reference"), parts.get_input_port())
-        connect(parts.get_output_port(0), fed_back.get_input_port())
-        connect(fed_back.get_output_port(), acted.get_input_port(1))
+        builder.AddNamedSystem("force_behind_h", lagged)
+        force, _ = split(builder, "force_and_rate", [size, size], lagged.GetOutputPort("reference"))
+        compliance = MatrixGain(np.diag(batch_values("robot_compliance", robot_compliance, size)))
+        fed_back = through(builder, "compensation", compliance, force)
+        acted = builder.AddNamedSystem("acted", Adder(2, size))
+        builder.Connect(fed_back, acted.get_input_port(1))
         builder.ExportInput(lagged.GetInputPort("command"), "measured_force")
         builder.ExportInput(acted.get_input_port(0), "motor_displacement")
         builder.ExportOutput(acted.get_output_port(), "input")
-        builder.ExportOutput(parts.get_output_port(0), "output")
+        builder.ExportOutput(force, "output")
         builder.BuildInto(self)

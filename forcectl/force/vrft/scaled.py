@@ -13,14 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
-from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.force.law import FORCES
 from forcectl.force.linear_law import GAINS, LinearForceLaw, VrftConfig
 from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.fields import key
-from forcectl.framework.wiring import Around, affine, export_all_outputs
+from forcectl.framework.wiring import Around, affine, export_all_outputs, split, through
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -67,20 +66,19 @@ class ScaledVrft(Around):
         add("estimator", estimator)
         add("displacement_filter", displacement_filter)
         slope = np.vstack([np.diag(row) for row in slopes])
-        scale = add("gains_of_compliance", affine(slope, offsets.ravel()))
-        gains = add("gains", Demultiplexer([size] * 3))
+        estimate = estimator.GetOutputPort("environment_compliance")
+        scaled = through(builder, "gains_of_compliance", affine(slope, offsets.ravel()), estimate)
+        gains = split(builder, "gains", [size] * 3, scaled)
         for name in FORCES:
             outer = builder.ExportInput(law.GetInputPort(name), name)
             builder.ConnectInput(outer, estimator.GetInputPort(name))
         builder.ExportInput(displacement_filter.get_input_port(), "motor_displacement")
         connect(displacement_filter.get_output_port(), estimator.GetInputPort("displacement"))
-        connect(estimator.GetOutputPort("environment_compliance"), scale.get_input_port())
-        connect(scale.get_output_port(), gains.get_input_port())
         for block in (law, estimator):
             export_all_outputs(builder, block)
-        for i, name in enumerate(GAINS):
-            connect(gains.get_output_port(i), law.GetInputPort(name))
-            builder.ExportOutput(gains.get_output_port(i), name)
+        for name, gain in zip(GAINS, gains, strict=True):
+            connect(gain, law.GetInputPort(name))
+            builder.ExportOutput(gain, name)
         builder.BuildInto(self)
 
 

@@ -32,6 +32,7 @@ from pydrake.systems.primitives import AffineSystem, MatrixGain, Saturation
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values
 from forcectl.framework.block import PythonDiagram
+from forcectl.framework.wiring import through
 from forcectl.robot.parameters import ControlParameters
 
 Array = NDArray[np.float64]
@@ -244,15 +245,12 @@ class FrictionRest(PythonDiagram):
         unlimited, zero = np.full(n_v, np.inf), np.zeros(n_v)
         self.port_units = {"velocity": "rad/s", "generalized_force": "Nm"}
         builder = DiagramBuilder()
-        add, connect = builder.AddNamedSystem, builder.Connect
-        velocity = add("velocity", MatrixGain(np.tile(np.eye(n_v), (2, 1))))
-        directions = add("forward_and_backward", Saturation(np.append(zero, -unlimited), np.append(unlimited, zero)))
+        velocity = builder.AddNamedSystem("velocity", MatrixGain(np.tile(np.eye(n_v), (2, 1))))
+        halves = Saturation(np.append(zero, -unlimited), np.append(unlimited, zero))
+        directions = through(builder, "forward_and_backward", halves, velocity.get_output_port())
         uncommon = np.hstack([np.diag(friction.viscous_forward - common), np.diag(friction.viscous_backward - common)])
-        force = add(
-            "force", AffineSystem(D=-pick.T @ uncommon @ np.kron(np.eye(2), pick), y0=-pick.T @ friction.offset)
-        )
-        connect(velocity.get_output_port(), directions.get_input_port())
-        connect(directions.get_output_port(), force.get_input_port())
+        drag = AffineSystem(D=-pick.T @ uncommon @ np.kron(np.eye(2), pick), y0=-pick.T @ friction.offset)
+        force = through(builder, "force", drag, directions)
         builder.ExportInput(velocity.get_input_port(), "velocity")
-        builder.ExportOutput(force.get_output_port(), "generalized_force")
+        builder.ExportOutput(force, "generalized_force")
         builder.BuildInto(self)

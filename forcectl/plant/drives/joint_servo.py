@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import (
-    Demultiplexer,
     LinearSystem,
     MatrixGain,
     Multiplexer,
@@ -32,6 +31,7 @@ from pydrake.systems.primitives import (
 
 from forcectl.framework.batch import batch_values, check, check_count, whole_multiple
 from forcectl.framework.block import PythonBlock, PythonDiagram
+from forcectl.framework.wiring import split, through
 from forcectl.plant.drives.servo import ServoGains
 
 
@@ -154,8 +154,8 @@ class JointServo(PythonDiagram):
         known = add("known", Multiplexer([3 * n, n, n, n, n, n]))
         damped, slowing = kd + ahead * kp, kd * (ahead / step)
         law = np.hstack([kp, damped, eye, kp, -kp, -damped - slowing, eye, slowing])
-        wanted = add("wanted_torque", MatrixGain(law))
-        motor = add("torque_limit", Saturation(-bound, bound))
+        wanted = through(builder, "wanted_torque", MatrixGain(law), known.get_output_port())
+        motor = through(builder, "torque_limit", Saturation(-bound, bound), wanted)
         # z, the integrals of tau and v_r, and v_last.
         after = add("after", Multiplexer([8 * n, n, n]))
         error = np.hstack([ki, zero, zero, ki, -ki, zero, zero, zero, -unwinding * eye, unwinding * eye])
@@ -166,23 +166,19 @@ class JointServo(PythonDiagram):
         kept = np.diag(np.repeat([1.0, 1.0, 1.0, 0.0], n))
         sums = LinearSystem(kept, step * np.vstack([error, mean, travel, speed]), np.eye(4 * n), nothing, step)
         sums.configure_default_state(np.concatenate([batch_values("torque", torque, n), np.zeros(3 * n)]))
-        integrals = add("integrals", sums)
-        parts = add("integrals_and_speed", Demultiplexer([n, n, n, n]))
+        integrals = through(builder, "integrals", sums, after.get_output_port())
+        integral, impulse, travelled, last = split(builder, "integrals_and_speed", [n] * 4, integrals)
         connect(hold.GetOutputPort("reference"), known.get_input_port(0))
-        connect(parts.get_output_port(2), known.get_input_port(1))
-        connect(parts.get_output_port(2), hold.GetInputPort("travelled"))
-        connect(parts.get_output_port(0), known.get_input_port(4))
-        connect(parts.get_output_port(3), known.get_input_port(5))
-        connect(known.get_output_port(), wanted.get_input_port())
-        connect(wanted.get_output_port(), motor.get_input_port())
-        for i, port in enumerate((known.get_output_port(), wanted.get_output_port(), motor.get_output_port())):
+        connect(travelled, known.get_input_port(1))
+        connect(travelled, hold.GetInputPort("travelled"))
+        connect(integral, known.get_input_port(4))
+        connect(last, known.get_input_port(5))
+        for i, port in enumerate((known.get_output_port(), wanted, motor)):
             connect(port, after.get_input_port(i))
-        connect(after.get_output_port(), integrals.get_input_port())
-        connect(integrals.get_output_port(), parts.get_input_port())
         for i in range(3):
             builder.ExportInput(hold.get_input_port(i), hold.get_input_port(i).get_name())
         builder.ExportInput(known.get_input_port(2), "position")
         builder.ExportInput(known.get_input_port(3), "velocity")
-        builder.ExportOutput(motor.get_output_port(), "motor_torque")
-        builder.ExportOutput(parts.get_output_port(1), "torque_integral")
+        builder.ExportOutput(motor, "motor_torque")
+        builder.ExportOutput(impulse, "torque_integral")
         builder.BuildInto(self)

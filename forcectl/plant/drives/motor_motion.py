@@ -21,6 +21,7 @@ from pydrake.systems.primitives import AffineSystem, LinearSystem, MatrixGain, M
 
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.block import PythonDiagram
+from forcectl.framework.wiring import through
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.drives.motors import export_motion
 
@@ -65,17 +66,16 @@ class MotorMotion(PythonDiagram):
         known = add("known", Multiplexer([n, n, n]))
         # s four times; what exceeds a limit is s minus s limited: the same number when sticking, so a true zero.
         copies = np.tile(np.hstack([eye, np.diag(rate), -np.diag(rate)]), (4, 1))
-        free = add("free_speed", AffineSystem(D=copies, y0=np.tile(-rate * friction.offset, 4)))
+        free = AffineSystem(D=copies, y0=np.tile(-rate * friction.offset, 4))
+        free_speed = through(builder, "free_speed", free, known.get_output_port())
         stick, unlimited = rate * friction.coulomb, np.full(n, np.inf)
         lower = np.concatenate([-unlimited, -unlimited, -unlimited, -stick])
-        held = add("friction", Saturation(lower, np.concatenate([unlimited, stick, unlimited, unlimited])))
-        beyond = add("beyond_friction", MatrixGain(np.kron(np.eye(2), np.hstack([eye, -eye]))))
+        limited = Saturation(lower, np.concatenate([unlimited, stick, unlimited, unlimited]))
+        held = through(builder, "friction", limited, free_speed)
+        difference = MatrixGain(np.kron(np.eye(2), np.hstack([eye, -eye])))
+        connect(through(builder, "beyond_friction", difference, held), motion.get_input_port())
         _, speeds = export_motion(builder, motion.get_output_port())
         connect(speeds, known.get_input_port(0))
-        connect(known.get_output_port(), free.get_input_port())
-        connect(free.get_output_port(), held.get_input_port())
-        connect(held.get_output_port(), beyond.get_input_port())
-        connect(beyond.get_output_port(), motion.get_input_port())
         builder.ExportInput(known.get_input_port(1), "motor_torque")
         builder.ExportInput(known.get_input_port(2), "spring_torque")
         builder.BuildInto(self)

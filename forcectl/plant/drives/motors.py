@@ -15,11 +15,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
-from pydrake.systems.primitives import Demultiplexer, MatrixGain, Saturation
+from pydrake.systems.primitives import MatrixGain, Saturation
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values
-from forcectl.framework.wiring import export_outputs
+from forcectl.framework.wiring import export_outputs, split, through
 from forcectl.robot.model import RobotModel
 
 Matrix = NDArray[np.float64]
@@ -59,26 +59,20 @@ class Motors:
         limit = np.concatenate([np.full(self.size, np.inf), stick])
         # s and -s; only the second half is limited, so that their sum is s - sat(s), exactly zero when sticking.
         speed = builder.AddNamedSystem(f"free_speed{suffix}", MatrixGain(np.vstack([free, -free])))
-        friction = builder.AddNamedSystem(f"friction{suffix}", Saturation(-limit, limit))
-        slip = builder.AddNamedSystem(f"slip{suffix}", MatrixGain(np.tile(np.eye(self.size), 2)))
-        builder.Connect(speed.get_output_port(), friction.get_input_port())
-        builder.Connect(friction.get_output_port(), slip.get_input_port())
-        return speed.get_input_port(), slip.get_output_port()
+        friction = through(builder, f"friction{suffix}", Saturation(-limit, limit), speed.get_output_port())
+        slip = through(builder, f"slip{suffix}", MatrixGain(np.tile(np.eye(self.size), 2)), friction)
+        return speed.get_input_port(), slip
 
     def export_motion(self, builder: DiagramBuilder, axes: System) -> None:
         """Export the motion of axes with the state phi, phi' and n more."""
-        gain = np.kron(np.eye(2, 3), self.to_joint)
-        state = builder.AddNamedSystem("motor_state", MatrixGain(gain))
-        builder.Connect(axes.get_output_port(), state.get_input_port())
-        export_motion(builder, state.get_output_port())
+        gain = MatrixGain(np.kron(np.eye(2, 3), self.to_joint))
+        export_motion(builder, through(builder, "motor_state", gain, axes.get_output_port()))
 
 
 def export_motion(builder: DiagramBuilder, state: OutputPort) -> tuple[OutputPort, OutputPort]:
     """Export the motion of motors as `MOTOR_PORTS`; `state` is of shape (2n,). Returns its halves."""
     n = state.size() // 2
-    halves = builder.AddNamedSystem("position_and_velocity", Demultiplexer([n, n]))
-    builder.Connect(state, halves.get_input_port())
-    position, velocity = halves.get_output_port(0), halves.get_output_port(1)
+    position, velocity = split(builder, "position_and_velocity", [n, n], state)
     export_outputs(builder, dict(zip(MOTOR_PORTS, (state, position, velocity), strict=True)))
     return position, velocity
 

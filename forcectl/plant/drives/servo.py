@@ -27,7 +27,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
-from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.framework.batch import (
     BatchBlock,
@@ -40,6 +39,7 @@ from forcectl.framework.batch import (
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.linear_batch import state_space
+from forcectl.framework.wiring import split
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
@@ -214,11 +214,10 @@ class Servo(PythonDiagram):
         self.port_units = {"reference": core.port_units["reference"], "position": units[0], "velocity": units[1]}
         builder = DiagramBuilder()
         builder.AddNamedSystem("core", core)
-        parts = builder.AddNamedSystem("parts", Demultiplexer([core.size] * 3))
-        builder.Connect(core.GetOutputPort("state"), parts.get_input_port())
+        position, velocity, _ = split(builder, "parts", [core.size] * 3, core.GetOutputPort("state"))
         builder.ExportInput(core.GetInputPort("reference"), "reference")
-        builder.ExportOutput(parts.get_output_port(0), "position")
-        builder.ExportOutput(parts.get_output_port(1), "velocity")
+        builder.ExportOutput(position, "position")
+        builder.ExportOutput(velocity, "velocity")
         builder.BuildInto(self)
 
 
