@@ -32,6 +32,7 @@ from forcectl.force.law import ForceLaw
 from forcectl.framework.batch import BatchBlock
 from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.framework.sampled_block import SampledBatch, SampledBlock
+from forcectl.framework.wiring import Around
 from forcectl.plant.contact.pairs.pair_contact import PairContact
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.sensors.force_sensor import SensorElectronics
@@ -52,7 +53,17 @@ CASES = [
 STATIONS = (LightStation, MultibodyStation)
 
 
-BASES = {ForceLaw, PythonBlock, PythonDiagram, BatchBlock, PairContact, SampledBatch, SampledBlock, SensorElectronics}
+BASES = {
+    Around,
+    ForceLaw,
+    PythonBlock,
+    PythonDiagram,
+    BatchBlock,
+    PairContact,
+    SampledBatch,
+    SampledBlock,
+    SensorElectronics,
+}
 BLOCKS = {kind.__name__: kind for kind in EXAMPLES}
 EVERY_BLOCK = pytest.mark.parametrize(
     "kind", sorted(EXAMPLES, key=lambda kind: kind.__name__), ids=lambda kind: kind.__name__
