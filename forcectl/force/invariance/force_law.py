@@ -280,7 +280,3 @@ class InvarianceConfig(InvarianceLimits, in_batches=True):
 @dataclass(kw_only=True)
 class AdaptiveInvarianceConfig(AdaptivePlanConfig, InvarianceConfig, in_batches=True):
     """Scenario part `!AdaptiveInvariance`: `!Invariance`, compliance estimated on line. (3.56)"""
-
-    compliance_error: float = key(
-        0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="from 0.001 to 1000", each=True
-    )

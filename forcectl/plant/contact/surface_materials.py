@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.framework.batch import check
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key
 
@@ -114,7 +113,6 @@ class MaterialsConfig(Config):
                 if away >= _FARTHEST:
                     allowed = f"{'below ' if name == 'start' else 'above -'}{_FARTHEST:g} m: no path goes farther"
                     raise invalid(f"segments.{i}.{name}", getattr(segment, name), allowed)
-        check("blend", self.blend, "not negative")
         ordered = self._ordered()
         for before, after in pairwise(ordered):
             if abs(after.start - before.end) > _CLOSE:
