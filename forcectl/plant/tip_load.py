@@ -13,13 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from forcectl.framework.block import BlockCache, PythonBlock
-from forcectl.plant.contact.contact_truth import BodyContact, ContactPairs, ContactReader, wrench_between
+from forcectl.framework.block import PythonBlock, values_of_tick
+from forcectl.plant.contact.contact_truth import BodyContact, ContactPairs, ContactReader, applied_force, wrench_between
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.parts import RobotParts
 
@@ -115,15 +114,9 @@ class TipLoad(PythonBlock):
         )
 
     def _apply(self, context: Context, output: AbstractValue) -> None:
-        forces = []
         at_tips, on_bodies = self._wrenches.read(context)
-        for (body, point), wrench in zip(self._at, [*at_tips, *on_bodies], strict=True):
-            if wrench.any():
-                one = ExternallyAppliedSpatialForce()
-                one.body_index, one.p_BoBq_B = body, point
-                one.F_Bq_W = SpatialForce(wrench[:3], wrench[3:])
-                forces.append(one)
-        output.set_value(forces)
+        wrenches = zip(self._at, [*at_tips, *on_bodies], strict=True)
+        output.set_value([applied_force(body, point, wrench) for (body, point), wrench in wrenches if wrench.any()])
 
 
 class LoadTruth(PythonBlock):
@@ -198,13 +191,8 @@ class LoadTruth(PythonBlock):
         parts_tickets |= self._pairs.tickets
         self._posture = posture_cache(self, robot, position)
         posture: Any = self._posture.ticket()
-        self._contacts = BlockCache(
-            self,
-            "wrench at each TCP, then force",
-            lambda: AbstractValue.Make(BasicVector(7 * count)),
-            lambda block, context, value: value.get_mutable_value().SetFromVector(block._touch(context)),
-            {posture, self._results.ticket()} | self._wrenches.tickets | parts_tickets,
-        )
+        reads = {posture, self._results.ticket()} | self._wrenches.tickets | parts_tickets
+        self._contacts = values_of_tick(self, reads)
         self.DeclareVectorOutputPort(
             "external_torque",
             n,
@@ -217,7 +205,8 @@ class LoadTruth(PythonBlock):
         self.DeclareVectorOutputPort("tip_wrench", 6 * count, self._show_wrench, prerequisites_of_calc=known)
         self.DeclareVectorOutputPort("arm_contact_force", count, self._show_force, prerequisites_of_calc=known)
 
-    def _touch(self, context: Context) -> Array:
+    def _compute(self, context: Context) -> tuple[Array, Array]:
+        """Wrenches at the TCPs, shape (6a,), and the forces on the arms, shape (a,)."""
         wrenches, _ = self._wrenches.read(context)
         forces = np.zeros(len(self._arms))
         contacts = self._read(context) + self._pairs.read(context)
@@ -236,7 +225,7 @@ class LoadTruth(PythonBlock):
                     for body in (contact.body_a, contact.body_b)
                     if body in moving
                 )
-        return np.concatenate([wrenches.ravel(), forces])
+        return wrenches.ravel(), forces
 
     def _read(self, context: Context) -> list[BodyContact]:
         return list(self._reader.read(self._results.Eval(context))) if self._results.HasValue(context) else []
@@ -265,7 +254,7 @@ class LoadTruth(PythonBlock):
         output.SetFromVector(torque)
 
     def _show_wrench(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._contacts.Eval(context).value()[: 6 * len(self._arms)])
+        output.SetFromVector(self._contacts.Eval(context)[0])
 
     def _show_force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._contacts.Eval(context).value()[6 * len(self._arms) :])
+        output.SetFromVector(self._contacts.Eval(context)[1])

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, FrameIndex, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
@@ -84,6 +85,14 @@ class ContactPairs:
     def read(self, context: Context) -> list[BodyContact]:
         """All of them."""
         return [contact for port in self._ports for contact in port.Eval(context)]
+
+
+def applied_force(body: BodyIndex, place: Array, wrench: Array) -> ExternallyAppliedSpatialForce:
+    """What a plant takes for a wrench [torque; force] in the world on a body, at a place in its frame [Nm, N], [m]."""
+    applied = ExternallyAppliedSpatialForce()
+    applied.body_index, applied.p_BoBq_B = body, place
+    applied.F_Bq_W = SpatialForce(wrench[:3], wrench[3:])
+    return applied
 
 
 def wrench_between(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context
 
-from forcectl.framework.block import BlockCache, PythonBlock
+from forcectl.framework.block import PythonBlock, values_of_tick
 
 
 class PartPose(PythonBlock):
@@ -40,18 +40,12 @@ class PartPose(PythonBlock):
         self._at = [(int(frame.body().index()), frame.GetFixedPoseInBodyFrame()) for frame in frames]
         self._poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         # Poses of all bodies come as a list, which takes longer than the rest: once for both ports.
-        self._here = BlockCache(
-            self,
-            "poses of the frames",
-            lambda: Value[object](()),
-            lambda block, context, value: value.set_value(block._frames(context)),
-            {self._poses.ticket()},
-        )
+        self._here = values_of_tick(self, {self._poses.ticket()})
         made = {self._here.ticket()}
         for name, size, show in (("part_position", 3, self._position), ("part_orientation", 4, self._orientation)):
             self.DeclareVectorOutputPort(name, size * len(frames), show, prerequisites_of_calc=made)
 
-    def _frames(self, context: Context) -> list[RigidTransform]:
+    def _compute(self, context: Context) -> list[RigidTransform]:
         poses = self._poses.Eval(context)
         return [poses[body] @ X_BF for body, X_BF in self._at]
 

@@ -21,12 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values
-from forcectl.framework.block import BlockCache, PythonBlock
+from forcectl.framework.block import PythonBlock, values_of_tick
 from forcectl.framework.fields import Config, key
 from forcectl.plant.contact.surface import SurfaceProfile
 from forcectl.robot.model import RobotModel, posture_cache, unit_normal
@@ -136,7 +135,7 @@ class TurningSurface(PythonBlock):
         position = self.DeclareVectorInputPort("link_position", robot.num_joints)
         self._posture = posture_cache(self, robot, position)
         reads = {self._posture.ticket()}
-        self._found = BlockCache(self, "foot point", lambda: Value[object](()), TurningSurface._find, reads)
+        self._found = values_of_tick(self, reads)
         reads = {self._found.ticket()}
         for name, rows in (("surface_height", [0]), ("surface_tilt", [1]), ("plane_state", [3, 2, 4, 4])):
             self._declare(name, rows, reads)
@@ -151,8 +150,8 @@ class TurningSurface(PythonBlock):
 
         self.DeclareVectorOutputPort(name, len(rows), show, prerequisites_of_calc=reads)
 
-    def _find(self, context: Context, value: AbstractValue) -> None:
+    def _compute(self, context: Context) -> tuple[float, ...]:
         centre = self._robot.pose(self._posture.Eval(context)).multiply(self._p_TC)
         s, z = (self._axes @ centre - self._origin).tolist()
         height, theta, b = self._foot.find(s, z)
-        value.set_value((height, theta, b, -theta, 0.0))
+        return height, theta, b, -theta, 0.0

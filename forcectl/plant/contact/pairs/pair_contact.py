@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
@@ -17,7 +17,7 @@ from forcectl.errors import invalid
 from forcectl.framework.batch import check
 from forcectl.framework.block import PythonBlock, values_of_tick
 from forcectl.framework.kernels import cross_matrix
-from forcectl.plant.contact.contact_truth import BodyContact
+from forcectl.plant.contact.contact_truth import BodyContact, applied_force
 from forcectl.robot.robot_motion import pose_parts
 
 Array = NDArray[np.float64]
@@ -162,16 +162,10 @@ class PairContact(PythonBlock):
     def _apply(self, context: Context, output: AbstractValue) -> None:
         found = self._contact.Eval(context)
         torque, force = found.in_world
-        forces = []
-        if force.any():
-            # Each at the origin of its own frame.
-            both = ((torque - cross_matrix(found.apart) @ force, force), (-torque, -force))
-            for (body, (place, _)), (moment, push) in zip(self._ends, both, strict=True):
-                one = ExternallyAppliedSpatialForce()
-                one.body_index, one.p_BoBq_B = body, place
-                one.F_Bq_W = SpatialForce(moment, push)
-                forces.append(one)
-        output.set_value(forces)
+        # Each at the origin of its own frame.
+        both = (np.append(torque - cross_matrix(found.apart) @ force, force), -np.append(torque, force))
+        ends = zip(self._ends, both, strict=True) if force.any() else ()
+        output.set_value([applied_force(body, place, wrench) for (body, (place, _)), wrench in ends])
 
     def _pair(self, context: Context, output: AbstractValue) -> None:
         found = self._contact.Eval(context)
