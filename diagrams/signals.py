@@ -160,17 +160,13 @@ class WrenchBetweenConfig(Config):
 
     between: list[str] = key(meaning="names of two arms: of the first on the second, at its TCP", size=2)
     of: str = key("estimated_wrench", "signal of shape (6a,): wrenches at the TCPs")
-    axes: str = key("world", "those of that signal: world, or tcp, each that of its arm")
+    axes: str = key("world", "those of that signal: world, or tcp, each that of its arm", choices=_AXES)
     weights: str = key(
-        "equal", "equal: the mean; covariance: each as well as it is known, which takes `!KalmanForceEstimator`"
+        "equal",
+        "equal: the mean; covariance: each as well as it is known, which takes `!KalmanForceEstimator`",
+        choices=("equal", "covariance"),
     )
-    expressed_in: str = key("world", "axes of the wrench: world, or tcp, that of the second arm")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name, known in (("axes", _AXES), ("expressed_in", _AXES), ("weights", ("equal", "covariance"))):
-            if getattr(self, name) not in known:
-                raise unknown(name, getattr(self, name), known)
+    expressed_in: str = key("world", "axes of the wrench: world, or tcp, that of the second arm", choices=_AXES)
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The output of a `WrenchBetween`.

@@ -56,13 +56,9 @@ class MomentumModel(PlantJoints):
                 raise BadInputError(f"joint {joint.name()!r}: must have one position and one velocity")
         check_count("number of joints", len(joints))
         super().__init__(plant, joints)
-        self._create_context = create_context or plant.CreateDefaultContext
+        self.create_context = create_context or plant.CreateDefaultContext  # to compute in
         self._at_rest = np.zeros(self.num_joints)
         self._rotors = None if rotor_inertia is None else _inertia_matrix(rotor_inertia, self.num_joints)
-
-    def create_context(self) -> Context:
-        """A context of `plant` to compute in."""
-        return self._create_context()
 
     def _mass_times(self, context: Context, q: Array, v: Array) -> Array:
         """B(q) v without extra rotors, shape (n,) [kg m2/s]."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
+from forcectl.framework.kernels import cross_matrix
 from forcectl.robot.model import RobotModel
 
 Vector = NDArray[np.float64]
@@ -115,9 +116,8 @@ def pose_parts(pose: RigidTransform) -> TipPose:
 def constant_jacobian_pose(origin: RobotMotion, q: Vector) -> TipPose:
     """The same of a `ConstantJacobianMotion`."""
     moved = origin.jacobian @ (q - origin.q)
-    x, y, z = moved[:3]
     # Rotation to first order: what `orientation_error` reads off it is the difference of the rotation vectors.
-    rotation = (np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])) @ origin.rotation
+    rotation = (np.eye(3) + cross_matrix(moved[:3])) @ origin.rotation
     return TipPose(origin.position + moved[3:], rotation)
 
 

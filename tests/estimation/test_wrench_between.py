@@ -160,3 +160,10 @@ def test_in_a_scenario_it_can_be_weighted():
 def test_bad_input_is_named(choice, message):
     with pytest.raises(BadInputError, match=message):
         fc.run(scenario(**choice))
+
+
+@pytest.mark.parametrize("key", ["axes", "weights", "expressed_in"])
+def test_a_choice_that_there_is_not_is_named_with_its_key(key):
+    with pytest.raises(BadInputError, match=f"unknown {key} 'elbow': known: ") as caught:
+        WrenchBetweenConfig(between=["left", "right"], **{key: "elbow"})
+    assert caught.value.key == key
