@@ -14,6 +14,7 @@ import shutil
 import sys
 import tempfile
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -143,6 +144,7 @@ def run_all() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the faults (default 0)")
     parser.add_argument("--only", default="", help="kinds with commas between them (default all)")
     arguments = parser.parse_args()
+    warnings.simplefilter("error", RuntimeWarning)  # of NumPy, about what was read
     kept = Path.cwd()
     for kind in arguments.only.split(",") if arguments.only else KINDS:
         seen: Counter[str] = Counter()

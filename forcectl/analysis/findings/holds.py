@@ -202,7 +202,7 @@ def _chatter(
 ) -> Iterator[RunFinding]:
     least = config.chatter_share * wanted * compliance
     points = turning_points(command, least)
-    if len(points) < 2:
+    if len(points) < 3:  # not once to and fro
         return
     rate = (len(points) - 1) / float(time[-1] - time[0])
     if rate >= config.chatter_rate:

@@ -236,3 +236,9 @@ def test_a_command_is_saturated_only_where_more_of_it_would_help() -> None:
     ramp = -1e-3 * np.clip(TIME, 0.0, 3.0)
     assert {one.kind for one in judged(short, command=ramp)} == {"command_saturated", "not_settled"}
     assert {one.kind for one in judged(short, command=-ramp)} == {"not_settled"}
+
+
+def test_a_run_of_a_few_samples_is_no_chatter_and_warns_of_nothing(recwarn: pytest.WarningsRecorder) -> None:
+    of_few = {one.kind for samples in range(2, 9) for one in found(**noisy(5.0) | {"duration": 0.002 * samples})}
+    assert "chatter" not in of_few
+    assert [str(each.message) for each in recwarn] == []
