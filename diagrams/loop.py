@@ -43,7 +43,6 @@ from forcectl.framework.wiring import (
 )
 from forcectl.plant.tip_kinematics import tip_displacements
 
-_NOT_LOGGED = ("wrench_covariance",)  # 36 numbers of each arm, of which wrench_deviation shows the diagonals
 # Of a station with a force sensor only, the signals that are looked at; the others cost more to log than to have.
 _FORCE_SIGNALS = (
     "measured_force",
@@ -324,7 +323,7 @@ def _logged(
             vector = port.get_data_type() == PortDataType.kVectorValued
             small = port.size() == 1 or port.get_name() == "displacement_command"
             wanted = everything or small or system is not controller
-            if vector and wanted and port.get_name() not in _NOT_LOGGED:
+            if vector and wanted:
                 ports[port.get_name()] = port
     # Last, so that a fault is told of the signal that it comes from.
     if not constant and controller.HasOutputPort("joint_position_command"):

@@ -161,11 +161,6 @@ class WrenchBetweenConfig(Config):
     between: list[str] = key(meaning="names of two arms: of the first on the second, at its TCP", size=2)
     of: str = key("estimated_wrench", "signal of shape (6a,): wrenches at the TCPs")
     axes: str = key("world", "those of that signal: world, or tcp, each that of its arm", choices=_AXES)
-    weights: str = key(
-        "equal",
-        "equal: the mean; covariance: each as well as it is known, which takes `!KalmanForceEstimator`",
-        choices=("equal", "covariance"),
-    )
     expressed_in: str = key("world", "axes of the wrench: world, or tcp, that of the second arm", choices=_AXES)
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
@@ -177,15 +172,13 @@ class WrenchBetweenConfig(Config):
         robot, (first, second) = model.known_robot(), self.between
         arm = robot.parts.arms.get(second)  # the block refuses one that is not there
         tcp = arm.tcp_frame if arm and self.expressed_in == "tcp" else None
-        weighted = self.weights == "covariance"
-        made = WrenchBetween(robot, (first, second), tcp, local=self.axes == "tcp", weighted=weighted)
+        made = WrenchBetween(robot, (first, second), tcp, local=self.axes == "tcp")
         block = builder.AddNamedSystem(f"{name}_between", made)
         source, wanted = signals.find(self.of, f"signals.{name}"), block.GetInputPort("estimated_wrench")
         if source.size() != wanted.size():
             raise invalid("of", self.of, f"a signal of shape ({wanted.size()},): wrenches at the TCPs")
         builder.Connect(source, wanted)
-        for port in ("joint_position", "wrench_covariance")[: 1 + weighted]:
-            builder.Connect(signals.find(port, f"signals.{name}"), block.GetInputPort(port))
+        builder.Connect(signals.find("joint_position", f"signals.{name}"), block.GetInputPort("joint_position"))
         return block.get_output_port()
 
 

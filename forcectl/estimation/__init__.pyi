@@ -11,4 +11,5 @@ from forcectl.estimation.surface_offset import SurfaceOffset as SurfaceOffset
 from forcectl.estimation.wrench import WrenchEstimator as WrenchEstimator
 from forcectl.estimation.wrench import wrench_from_torques as wrench_from_torques
 from forcectl.estimation.wrench_between import WrenchBetween as WrenchBetween
+from forcectl.estimation.wrench_between_filter import WrenchBetweenFilter as WrenchBetweenFilter
 from forcectl.estimation.wrench_filter import WrenchFilter as WrenchFilter

@@ -13,9 +13,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from forcectl.errors import BadInputError, unknown
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
+from forcectl.estimation.wrench_between_filter import WrenchBetweenFilter
 from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
 READINGS = ("joint_position", "joint_velocity", "motor_torque")
-_COMPONENTS = {"wrench_deviation": "6a", "joint_bias": "n", "moving": "n"}
+_COMPONENTS = {"wrench_deviation": "6a", "joint_bias": "n", "moving": "n", "wrench_between": "6"}
 _TICK = 0.004  # [s] of a joint interface
 _LEVER = 0.36  # [m] of a force on all joints of an arm; of YuMi's 0.23 to 0.44
 _JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
@@ -46,7 +47,7 @@ class ForceEstimator(PythonDiagram):
     input_ports: [joint_position, joint_velocity, motor_torque, tare (optional)]
     output_ports: [estimated_torque, estimated_wrench (optional), estimated_local_wrench (optional), near_singular
     (optional), wrench_deviation (optional), joint_bias (optional), moving (optional), torque_elsewhere (optional),
-    wrench_covariance (optional), residual, torque_balance, reading_ok]
+    wrench_between (optional), residual, torque_balance, reading_ok]
     ```
 
     joint_position, joint_velocity, motor_torque: shape (n,), readings of the tick [rad, rad/s, Nm].
@@ -60,7 +61,7 @@ class ForceEstimator(PythonDiagram):
     near_singular: shape (a,), 1 where a direction is damped [1]; of a `WrenchEstimator`.
     wrench_deviation: shape (6a,), in the axes of each TCP [Nm, N]; joint_bias: shape (n,) [Nm]; moving: shape (n,) [1];
     torque_elsewhere: shape (a,) [Nm]; of a `WrenchFilter`, joints arm by arm.
-    wrench_covariance: shape (36a,), arm by arm, in the axes of each TCP, products of [Nm, N]; of a `WrenchFilter`.
+    wrench_between: shape (6,), of one arm on another at the TCP of that [Nm, N]; of a `WrenchBetweenFilter`.
     All outputs are feedthrough of all inputs at the tick.
 
     Sampling: every `period` [s]; no delay. Speeds that are filtered make the estimate as late as they are.
@@ -69,6 +70,7 @@ class ForceEstimator(PythonDiagram):
         observer: of the n joints.
         wrenches: by arm, at least one, all of the same n joints, of one class and with the period of the observer.
         tare: their input of that name over time; None: it becomes an input.
+        between: of two of the arms, of the same n joints and with the period of the observer; None: there is none.
         local: whether they are expressed in other frames than the world.
     """
 
@@ -77,6 +79,7 @@ class ForceEstimator(PythonDiagram):
         observer: MomentumObserver,
         wrenches: Mapping[str, WrenchEstimator] | Mapping[str, WrenchFilter],
         tare: TrajectorySource | None = None,
+        between: WrenchBetweenFilter | None = None,
         *,
         local: bool = False,
     ):
@@ -93,8 +96,11 @@ class ForceEstimator(PythonDiagram):
             add("tare", tare)
         self.optional_inputs = ("tare",) if tare is None else ()
         untared = []
-        for arm, wrench in wrenches.items():
-            add(f"wrench_{arm}", wrench)
+        every: dict[str, Any] = {f"wrench_{arm}": wrench for arm, wrench in wrenches.items()}
+        if between is not None:
+            every["wrench_between"] = between
+        for name_of_part, wrench in every.items():
+            add(name_of_part, wrench)
             for port in map(wrench.get_input_port, range(wrench.num_input_ports())):
                 name = port.get_name()
                 if name in READINGS:
@@ -123,6 +129,9 @@ class ForceEstimator(PythonDiagram):
                 connect(part, together.get_input_port(i))
             outputs[name] = together.get_output_port()
             self.port_units[name] = first.port_units[port.get_name()]
+        if between is not None:
+            outputs["wrench_between"] = between.GetOutputPort("wrench")
+            self.port_units["wrench_between"] = between.port_units["wrench"]
         outputs |= {name: observer.GetOutputPort(name) for name in ("residual", "torque_balance", "reading_ok")}
         export_outputs(builder, outputs)
         builder.BuildInto(self)
@@ -189,7 +198,9 @@ class ForceEstimatorConfig(Config):
             breaks, values = ([0.0], [0.0]) if start > 0 else ([], [])
             held = PiecewisePolynomial.ZeroOrderHold([*breaks, start, end, end + 1.0], [[*values, 1.0, 0.0, 0.0]])
             tare = TrajectorySource(held)
-        made = ForceEstimator(self._observer(model, momentum), wrenches, tare, local=self.expressed_in != "world")
+        between = self._between(model, momentum)
+        local = self.expressed_in != "world"
+        made = ForceEstimator(self._observer(model, momentum), wrenches, tare, between, local=local)
         return builder.AddNamedSystem("estimator", made)
 
     def _wrench(self, model: PlantModel, momentum: MomentumModel, arm: ArmParts, axes: Frame | None) -> Any:
@@ -203,6 +214,9 @@ class ForceEstimatorConfig(Config):
             length=model.known_robot().parameters.characteristic_length,
             period=model.period,
         )
+
+    def _between(self, model: PlantModel, momentum: MomentumModel) -> WrenchBetweenFilter | None:
+        return None
 
     def _observer(self, model: PlantModel, momentum: MomentumModel) -> MomentumObserver:
         robot, coulomb = model.known_robot(), model.friction.coulomb
@@ -259,6 +273,16 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
         unit="s",
     )
     tare_change: float = key(0.5, "of a force, with which that pauses", unit="N", bounds="positive")
+    between: list[str] = key(
+        [],
+        "names of two arms that touch each other: the signal wrench_between is the wrench of the first on the second, "
+        "at its TCP; empty: there is none",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.between and (len(self.between) != 2 or len(set(self.between)) != 2):
+            raise invalid("between", self.between, "two different arms, or empty")
 
     def _bandwidth(self, period: float) -> float:
         """That of the filter in its steady state, of a force that the moving joints together feel at 0.36 m."""
@@ -271,16 +295,20 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
             arm.tcp_frame,
             axes,
             joints=arm.joints,
-            moment=self.moment,
-            noise=self.noise,
-            force_walk=self.force_walk,
-            moment_walk=self.moment_walk,
-            bias=self.bias,
-            bias_walk=self.bias_walk,
-            slow=self.slow,
-            hold=self.hold,
-            trust=self.trust,
-            tare_window=self.tare_window,
-            tare_change=self.tare_change,
-            period=model.period,
+            **self._options(model.period),
         )
+
+    def _between(self, model: PlantModel, momentum: MomentumModel) -> WrenchBetweenFilter | None:
+        if not self.between:
+            return None
+        robot = model.known_robot()
+        for name in self.between:
+            if name not in robot.parts.arms:
+                raise unknown("between", name, list(robot.parts.arms))
+        first, second = (robot.parts.arms[name] for name in self.between)
+        axes, friction = self._axes(robot, second.tcp_frame), model.friction.scaled(self.friction_scale)
+        return WrenchBetweenFilter(momentum, friction, (first, second), axes, **self._options(model.period))
+
+    def _options(self, period: float) -> dict[str, Any]:
+        names = ("moment", "noise", "force_walk", "moment_walk", "bias", "bias_walk", "slow", "hold", "trust")
+        return {name: getattr(self, name) for name in (*names, "tare_window", "tare_change")} | {"period": period}

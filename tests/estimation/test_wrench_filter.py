@@ -68,26 +68,6 @@ def test_joints_that_move_feel_the_wrench():
     assert apart(times, found, WRENCH, 1.0)[0] < 0.5
 
 
-@pytest.mark.parametrize("moment", [True, False])
-def test_the_covariance_belongs_to_the_deviations(moment):
-    block = WrenchFilter(MODEL, FRICTION, TIP, moment=moment)
-    context = block.CreateDefaultContext()
-    for name, value in (("joint_position", MIDDLE), ("torque_balance", COULOMB)):
-        block.GetInputPort(name).FixValue(context, value)
-    for name in ("joint_velocity", "reading_ok"):
-        block.GetInputPort(name).FixValue(context, np.ones(7))
-    for _ in range(30):
-        context.SetDiscreteState(block.EvalUniquePeriodicDiscreteUpdate(context))
-        context.SetTime(context.get_time() + PERIOD)
-    covariance = block.GetOutputPort("wrench_covariance").Eval(context).reshape(6, 6)
-    deviation = block.GetOutputPort("wrench_deviation").Eval(context)
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), deviation, atol=1e-15)
-    np.testing.assert_array_equal(covariance, covariance.T)
-    assert (np.linalg.eigvalsh(covariance)[0 if moment else 3 :] > 0).all()
-    assert (deviation[3:] > 0).all()
-    assert covariance[:3].any() == moment
-
-
 def test_friction_of_joints_that_stand_is_no_force():
     """Two joints keep 0.8 of their Coulomb friction: least squares feel it as newtons."""
     stands = (1, 4)

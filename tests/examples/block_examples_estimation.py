@@ -14,6 +14,7 @@ from pydrake.systems.framework import System
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
 from forcectl.estimation.wrench_between import WrenchBetween
+from forcectl.estimation.wrench_between_filter import WrenchBetweenFilter
 from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.plant.drives.joint_friction import FrictionRest, JointFriction
 from forcectl.robot.momentum_model import MomentumModel
@@ -89,11 +90,17 @@ def friction_rest() -> FrictionRest:
     return FrictionRest(plant, joints, friction())
 
 
+def wrench_between_filter(moment: bool) -> WrenchBetweenFilter:
+    arms = two_arms().parts.arms
+    model, friction = MomentumModel(two_arms().plant), JointFriction(14, coulomb=np.full(14, 0.5))
+    return WrenchBetweenFilter(model, friction, (arms["left"], arms["right"]), moment=moment)
+
+
 OBSERVER_OUTPUTS = ("external_torque", "residual", "torque_balance", "reading_ok")
 OBSERVER_INPUTS = ("joint_position", "joint_velocity", "motor_torque", "reset")
 WRENCH_INPUTS = {"joint_position": swinging, "external_torque": lambda t: np.array([3.0, 10 * t]), "tare": tare}
 
-FILTER_OUTPUTS = ("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere", "wrench_covariance")
+FILTER_OUTPUTS = ("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere")
 FILTER_INPUTS = {
     "torque_balance": lambda t: np.array([3.0, 10 * t]),
     "joint_position": swinging,
@@ -147,10 +154,24 @@ ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
             TOUCH_INPUTS,
         ),
         Example(
-            lambda: WrenchBetween(two_arms(), ("left", "right"), local=True, weighted=True),
-            each("wrench", "estimated_wrench", "joint_position", "wrench_covariance"),
-            TOUCH_INPUTS | {"wrench_covariance": lambda t: np.tile(np.diag([1.0, 2, 3, 4, 5, 6 + t]).ravel(), 2)},
+            lambda: WrenchBetween(two_arms(), ("left", "right"), local=True),
+            each("wrench", "estimated_wrench", "joint_position"),
+            TOUCH_INPUTS,
         ),
+    ],
+    WrenchBetweenFilter: [
+        Example(
+            partial(wrench_between_filter, moment=moment),
+            each("wrench", *FILTER_INPUTS),
+            {
+                "torque_balance": lambda t: np.linspace(3.0, 10.0 * t, 14),
+                "joint_position": TOUCH_INPUTS["joint_position"],
+                "joint_velocity": np.full(14, 0.1),
+                "reading_ok": np.ones(14),
+                "tare": tare,
+            },
+        )
+        for moment in (True, False)
     ],
     TaskForce: [
         Example(

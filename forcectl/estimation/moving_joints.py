@@ -1,0 +1,141 @@
+"""A Kalman filter of what acts on joints, which are believed as far as they move.
+
+    d = A w + b + diag(sign q') c + e,    d = (tau_ext - tau_F) + tau_F(q')
+
+d is the torque balance of the momentum observer over a tick, with the friction (5.2) that the joints should have at
+their speeds; w is what acts, felt through known rows A; b and c are what is wrong with model and Coulomb friction of
+each joint. w, b and c are random walks, e is white.
+
+A joint that stands, or has just begun to move, may keep any friction up to Coulomb's. Its e is then larger, so
+that it tells nothing, where the least squares of (5.8) take its friction for a force.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv
+
+from forcectl.framework.batch import check
+from forcectl.framework.sampled_block import Memory
+
+Array = NDArray[np.float64]
+
+_BRIEF = 0.008  # [s] until a joint is believed again that was slow and goes on in the same direction
+_STANDSTILL = 0.06  # [s] after which it has to prove itself as after a reversal
+_UNKNOWN = 8.0  # deviation of the friction of a joint that may stick, in units of Coulomb's
+
+
+class Felt(NamedTuple):
+    """What a tick of `MovingJoints` found.
+
+    Attributes:
+        x: w, b and c, shape (w + 2k,).
+        P: their covariance, shape (w + 2k, w + 2k).
+        H: d per x, shape (k, w + 2k).
+        doubt: of each joint, 0 where it is believed and 1 where it tells nothing, shape (k,).
+        memory: what the next tick starts from.
+    """
+
+    x: Array
+    P: Array
+    H: Array
+    doubt: Array
+    memory: dict[str, Array]
+
+
+class MovingJoints:
+    """The filter, to be called by a block that keeps its memory.
+
+    Args:
+        coulomb: friction of the k joints, shape (k,) [Nm].
+        walks: what the deviation of each component of w gains in a second, shape (w,), > 0.
+        noise: deviation of the balance of a tick [Nm], > 0; of joints with less than 0.7 Nm of Coulomb's friction it is
+            taken to be smaller, (0.3 Nm + tau_C)/1 Nm of it.
+        bias: deviation of c at the start, in units of Coulomb's friction; that of b is 0.6 of it [1], > 0.
+        bias_walk: what that of b gains in a second, in these units; that of c gains a quarter [1], > 0.
+        slow: speed below which a joint may stick [rad/s], > 0.
+        hold: time for which a joint that has turned round, or stood for 60 ms, still may [s], >= 0.
+        trust: time constant with which it is believed then [s], > 0. One that was slow for less and goes on as before
+            is believed after 8 ms.
+        period: tick [s].
+
+    Raises:
+        BadInputError: a value out of range.
+    """
+
+    def __init__(
+        self,
+        coulomb: Array,
+        walks: Array,
+        *,
+        noise: float = 0.25,
+        bias: float = 0.05,
+        bias_walk: float = 0.008,
+        slow: float = 0.004,
+        hold: float = 0.04,
+        trust: float = 0.012,
+        period: float = 0.004,
+    ):
+        self.k, self.size = len(coulomb), len(walks) + 2 * len(coulomb)
+        self._acting = len(walks)
+        self._slow, self._wait = check("slow", slow, "positive"), check("hold", hold, "not negative")
+        self._trust, self._period = check("trust", trust, "positive"), check("period", period, "positive")
+        self._again = self._wait + 5.0 * self._trust - _BRIEF
+        self._noise = (check("noise", noise, "positive") * np.minimum(1.0, 0.3 + coulomb)) ** 2
+        self._unknown = (_UNKNOWN * coulomb) ** 2
+        self._fresh = (check("bias", bias, "positive") * coulomb) ** 2
+        slowly = check("bias_walk", bias_walk, "positive") * coulomb
+        self._walk = self._period * np.concatenate([walks, slowly, 0.25 * slowly]) ** 2
+        # Of w and c to be filled in.
+        self._features = np.hstack([np.zeros((self.k, len(walks))), np.eye(self.k), np.zeros((self.k, self.k))])
+
+    def start(self) -> dict[str, Array]:
+        """The memory before the first tick."""
+        k = self.k
+        return {
+            "state": np.zeros(self.size),
+            "covariance": np.diag(np.concatenate([np.zeros(self._acting), 0.36 * self._fresh, self._fresh])).ravel(),
+            # Of each joint the direction it last moved in, for how long that has been known and it has been slow.
+            "direction": np.zeros(k),
+            "since": np.zeros(k),
+            "stood": np.zeros(k),
+        }
+
+    def tick(self, memory: Memory, rows: Array, balance: Array, speed: Array, ok: Array) -> Felt:
+        """One tick of the filter.
+
+        Args:
+            memory: of the tick before.
+            rows: A, shape (k, w).
+            balance: d, shape (k,) [Nm].
+            speed: of the joints, shape (k,) [rad/s].
+            ok: of each joint whether its balance is of this tick, shape (k,).
+        """
+        slow, direction = np.abs(speed) < self._slow, memory["direction"]
+        turned = ~slow & (np.sign(speed) != direction)
+        direction = np.where(slow, direction, np.sign(speed))
+        since = np.where(turned, 0.0, memory["since"] + self._period)
+        stood = np.where(slow, memory["stood"] + self._period, 0.0)
+        since = np.where(slow, np.where(stood > _STANDSTILL, 0.0, np.minimum(since, self._again)), since)
+        doubt = np.where(slow | (since < self._wait), 1.0, np.exp((self._wait - since) / self._trust))
+        doubt = np.where(ok, doubt, 1.0)
+
+        m, k, size = self._acting, self.k, self.size
+        x, P = memory["state"], memory["covariance"].reshape(size, size).copy()
+        P.flat[:: size + 1] += self._walk
+        H = self._features.copy()
+        H[:, :m] = rows
+        H.flat[m + k :: size + 1] = np.sign(speed)
+        gained = H @ P
+        S = gained @ H.T
+        S.flat[:: k + 1] += self._noise + doubt**2 * self._unknown
+        _, solved, failed = dposv(S, gained)
+        if not failed:
+            x = x + solved.T @ (balance - H @ x)
+            P = P - solved.T @ gained
+            P = 0.5 * (P + P.T)
+        after = {"state": x, "covariance": P.ravel(), "direction": direction, "since": since, "stood": stood}
+        return Felt(x, P, H, doubt, after)
