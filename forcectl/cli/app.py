@@ -9,18 +9,17 @@ from typing import Annotated
 
 import typer
 
-from forcectl.cli.catalog import list_, schema
+from forcectl.cli.catalog import explain, list_, schema
 from forcectl.cli.diagrams import check, graph
-from forcectl.cli.explain import explain
 from forcectl.cli.faults import faults
 from forcectl.cli.memory import check_memory
 from forcectl.cli.net import DEBUG
 from forcectl.cli.reproduce import reproduce
+from forcectl.cli.robot import robot
 from forcectl.cli.run import StrictCommand, run, show
+from forcectl.cli.sweep import merge, sweep
 from forcectl.cli.tune import vrft
 from forcectl.errors import BadInputError, ForcectlError
-from forcectl.runs.robots.command import robot
-from forcectl.sweeps.commands import merge, sweep
 
 app = typer.Typer(
     name="forcectl",

@@ -1,4 +1,4 @@
-"""The commands `forcectl list` and `forcectl schema`."""
+"""The commands `forcectl list`, `forcectl schema` and `forcectl explain`."""
 
 from __future__ import annotations
 
@@ -113,3 +113,17 @@ def schema(
     except OSError as error:
         raise BadInputError(f"--out {str(out)!r} cannot be written: {error.strerror}") from None
     typer.echo(f"wrote {out}")
+
+
+def explain(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[METRIC]", help="A metric or a kind of findings; left out: all, as a page.")
+    ] = None,
+) -> None:
+    """Show what a metric or a kind of findings is: unit, formula and sign, or severity.
+
+    Example: forcectl explain overshoot_pct
+    """
+    from forcectl.analysis.tables.reference import explanation, page
+
+    typer.echo(page() if name is None else explanation(name), nl=name is not None)

@@ -19,9 +19,9 @@ from forcectl.cli.options import (
     echo_json,
     terminal,
 )
+from forcectl.cli.robot import say_assumed
 from forcectl.errors import BadInputError, unknown
 from forcectl.interrupts import Interrupts
-from forcectl.runs.robots.command import say_assumed
 
 
 def graph(

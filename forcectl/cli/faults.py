@@ -17,6 +17,7 @@ from forcectl.cli.options import (
     Settings,
     Target,
     Variant,
+    Workers,
     echo_json,
     terminal,
 )
@@ -39,9 +40,7 @@ def faults(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Keep logs, faults.md and faults.json there; default: nothing.")
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Processes; default one per processor.")
-    ] = None,
+    workers: Workers = None,
     allow_imports: AllowImports = None,
     as_json: AsJson = False,
     quiet: Quiet = False,

@@ -55,6 +55,7 @@ AllowImports = Annotated[
     ),
 ]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of every random number.")]
+Workers = Annotated[int | None, typer.Option(metavar="N", min=1, help="Processes; default one per processor.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace the earlier run in --out.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]

@@ -17,6 +17,7 @@ from forcectl.cli.options import (
     Seed,
     Settings,
     Variant,
+    Workers,
     echo_json,
     terminal,
 )
@@ -46,9 +47,7 @@ def reproduce(
     settings: Settings = None,
     seed: Seed = None,
     fidelity: Fidelity = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Processes; default one per processor.")
-    ] = None,
+    workers: Workers = None,
     force: Force = False,
     allow_imports: AllowImports = None,
     resume: Annotated[

@@ -24,8 +24,8 @@ from forcectl.cli.options import (
     echo_json,
     terminal,
 )
+from forcectl.cli.robot import say_assumed
 from forcectl.interrupts import say_when_interrupted
-from forcectl.runs.robots.command import say_assumed
 from forcectl.runs.terminal.realtime import check_realtime_rate
 
 if TYPE_CHECKING:

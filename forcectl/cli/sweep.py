@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from forcectl.cli.options import AllowImports, AsJson, Quiet, Workers, echo_json
 from forcectl.errors import BadInputError, ForcectlError
 from forcectl.interrupts import Interrupts, say_when_interrupted
 
@@ -19,12 +19,6 @@ if TYPE_CHECKING:
     from forcectl.sweeps.at_work import SweepProgress
     from forcectl.sweeps.run_sweep import SweepResult
 
-AllowImports = Annotated[
-    list[str] | None,
-    typer.Option("--allow-imports", metavar="MODULE", help="Module that the scenario may name; may be repeated."),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 _EVERY = 30.0  # [s] between two lines of progress where there is no terminal
 
 
@@ -43,9 +37,7 @@ def sweep(
     fail_fast: Annotated[bool, typer.Option("--fail-fast", help="Stop at the first trial that fails.")] = False,
     shard: Annotated[str | None, typer.Option(metavar="I/N", help="This part of N only; see forcectl merge.")] = None,
     engine: Annotated[str, typer.Option(metavar="processes|sequential", help="Where trials run.")] = "processes",
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Processes; default one per processor.")
-    ] = None,
+    workers: Workers = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler that runs the trials instead.")
     ] = None,
@@ -141,7 +133,7 @@ def _show_result(result: SweepResult, report: bool, as_json: bool, quiet: bool) 
 
     counts = {state: result.count(state) for state in STATES if result.count(state)}
     if as_json:
-        _echo_json({"directory": str(result.directory), "counts": counts, "notes": result.notes})
+        echo_json({"directory": str(result.directory), "counts": counts, "notes": result.notes})
     elif not quiet:
         typer.echo(", ".join(f"{count} {state}" for state, count in counts.items()) or "no trials in this shard")
         for note in result.notes:
@@ -163,15 +155,11 @@ def _show_status(folder: str, as_json: bool) -> None:
 
     found = status(folder)
     if as_json:
-        _echo_json(asdict(found))
+        echo_json(asdict(found))
         return
     counts = ", ".join(f"{count} {state}" for state, count in found.counts.items() if count)
     rest = "" if found.remaining_s is None else f"; about {_duration(found.remaining_s)} to go"
     typer.echo(f"{found.name}: {found.planned} trials{f': {counts}' if counts else ''}{rest}")
-
-
-def _echo_json(content: dict[str, Any]) -> None:
-    typer.echo(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False))
 
 
 def _duration(seconds: float) -> str:

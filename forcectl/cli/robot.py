@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from forcectl.cli.options import terminal
+
 
 def robot(
     folder: Annotated[str, typer.Argument(metavar="FOLDER", help="Robot folder, model file, or shipped robot.")],
@@ -16,13 +18,11 @@ def robot(
 
     Example: forcectl robot comau_smart_six
     """
-    from rich.console import Console
-
     from forcectl.runs.robots.report import examine_robot
     from forcectl.runs.robots.tables import print_robot
 
     report = examine_robot(folder)
-    print_robot(report, Console())
+    print_robot(report, terminal())
     if not report.complete:
         raise typer.Exit(1)
 
