@@ -43,7 +43,7 @@ def graph(
 
     Example: forcectl graph fig_2_7 --format html --depth 2 --out loop.html
     """
-    from forcectl.cli.target import named_code, named_diagram, named_machine
+    from forcectl.cli.target import named_diagram, named_machine
     from forcectl.graph import export
 
     if out is not None and not out.name:
@@ -55,19 +55,20 @@ def graph(
     ending = out.suffix.lower()[1:] if out is not None else chosen
     if ending in export.FORMATS and ending != chosen:
         raise BadInputError(f"--format {chosen}: must be that of --out {str(out)!r}, or be left out")
-    name, content = (named_machine if machine else named_diagram)(scenario, variant, settings, fidelity, allow_imports)
-    target = out or Path(f"{name}.{'mmd' if chosen == 'mermaid' else chosen}")
+    shown = (named_machine if machine else named_diagram)(scenario, variant, settings, fidelity, allow_imports)
+    target = out or Path(f"{shown.name}.{'mmd' if chosen == 'mermaid' else chosen}")
     partial = target.with_name(f".partial-{target.name}")
     with Interrupts():
         try:
-            export.graph(content, depth=depth, title=", ".join(filter(None, (name, variant)))).save(partial, chosen)
+            title = ", ".join(filter(None, (shown.name, variant)))
+            export.graph(shown.content, depth=depth, title=title).save(partial, chosen)
             partial.replace(target)
         except OSError as error:
             raise BadInputError(f"--out {str(target)!r} cannot be written: {error.strerror}") from None
         finally:
             with contextlib.suppress(OSError):
                 partial.unlink(missing_ok=True)
-    for line in named_code(scenario, settings):
+    for line in shown.code:
         typer.echo(line)
     typer.echo(f"wrote {target}")
 
@@ -95,26 +96,23 @@ def check(
 
     Example: forcectl check fig_2_7 --from station.measured_force --to station.joint_position_command
     """
-    from forcectl.cli.target import named_code, named_diagram, named_margins, named_scenarios, said_of
+    from forcectl.cli.target import named_diagram, said_of
     from forcectl.doctor import examine, render
+    from forcectl.runs.entry import margins_of
     from forcectl.runs.run import assumed_of
     from forcectl.scenario.catalog import passed_over
 
-    _, diagram = named_diagram(scenario, variant, settings, fidelity, allow_imports, whole=True)
-    report = examine(diagram, sensor=source, command=target, scheme=scheme)
-    shown = as_json or not quiet
-    margins = named_margins(scenario, variant, settings, fidelity, allow_imports) if shown else []
+    shown = named_diagram(scenario, variant, settings, fidelity, allow_imports, whole=True)
+    report = examine(shown.content, sensor=source, command=target, scheme=scheme)
+    margins = margins_of(shown.chosen) if shown.chosen and (as_json or not quiet) else []
     if as_json:
         echo_json({**report.to_dict(), "margins": [each.to_dict() for each in margins]})
     elif not quiet:
         render(report, terminal(), verbose=verbose)
-        for each in margins:
-            typer.echo(each)
-        scenarios = named_scenarios(scenario, variant, settings, fidelity, allow_imports)
-        for line in (*named_code(scenario, settings), *said_of(scenarios)):
+        for line in (*margins, *shown.code, *(said_of(shown.chosen) if shown.chosen else ())):
             typer.echo(line)
-        for first in scenarios[:1]:
-            say_assumed(assumed_of(first))
+        if shown.chosen:
+            say_assumed(assumed_of(shown.chosen.first))
         for line in passed_over():
             typer.echo(line, err=True)
     if not report.ok:

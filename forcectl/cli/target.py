@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pydrake.systems.framework import System
 
-from forcectl.diagrams.chain import LoopMargins
 from forcectl.doctor.loops import loop_behind
 from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.imports import Imports
 from forcectl.framework.wiring import made_by
 from forcectl.framework.yaml_tree import nest, parse
 from forcectl.inspect.names import said_type
-from forcectl.runs.entry import first_built, margins
+from forcectl.runs.chosen import Chosen, choose
 from forcectl.scenario.code import code_in, said
 from forcectl.scenario.effects import unread
 from forcectl.scenario.error_keys import located
 from forcectl.scenario.gains import gains_lines
-from forcectl.scenario.layers import select_variants
-from forcectl.scenario.scenario import Scenario, as_file, origins, resolve, with_shortcuts
 from forcectl.tasks.machine.chart import MachineChart
 
 
@@ -44,6 +41,23 @@ def parse_settings(settings: Iterable[str] | None) -> dict[str, Any]:
     return found
 
 
+@dataclass(frozen=True)
+class Shown:
+    """What an argument of a command names, to be drawn or examined.
+
+    Attributes:
+        name: for files.
+        content: the diagram or block, or a state machine.
+        code: lines that say which code beside forcectl's own it names; see `forcectl.scenario.code`.
+        chosen: the scenario; None of an import path.
+    """
+
+    name: str
+    content: Any
+    code: list[str]
+    chosen: Chosen | None = None
+
+
 def named_diagram(
     target: str,
     variant: str | None,
@@ -52,8 +66,8 @@ def named_diagram(
     allow: Sequence[str] | None,
     *,
     whole: bool = False,
-) -> tuple[str, System]:
-    """A file name and the diagram or block behind a scenario or an import path.
+) -> Shown:
+    """The diagram or block behind a scenario or an import path.
 
     Args:
         target: name of a shipped experiment, path of a YAML file, or "package.module:function".
@@ -61,85 +75,46 @@ def named_diagram(
         settings: as for `parse_settings`.
         fidelity: instead of the scenario's.
         allow: names of modules that it may name.
-        whole: build the other variants, too, to find what is wrong with them.
+        whole: take the other variants, too, and build them to find what is wrong with them.
 
     Raises:
         BadInputError: there is no such scenario or function, or it cannot be built.
     """
-    if _is_import_path(target):
-        return target.rpartition(":")[2], _call_for_diagram(target)
-    file = as_file(target, allow or ())
-    overrides = with_shortcuts(parse_settings(settings), None, fidelity)
-    return file.name, first_built(file, select_variants(file, variant), overrides, whole=whole)[1]
+    if ":" in target and not os.path.exists(target):  # no file that has a colon in its name
+        return Shown(target.rpartition(":")[2], _call_for_diagram(target), said({"": target}))
+    chosen = choose(target, variant, parse_settings(settings), None, fidelity, allow or (), whole=whole)
+    return Shown(chosen.file.name, chosen.diagram(), _code(chosen), chosen)
 
 
 def named_machine(
     target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
-) -> tuple[str, MachineChart]:
-    """A file name and the state machine of the controller of a scenario, for a picture.
+) -> Shown:
+    """The state machine of the controller of a scenario, for a picture.
 
     Args: as for `named_diagram`, without import paths.
 
     Raises:
         BadInputError: there is no such scenario, or its controller has no state machine, or one that is none.
     """
-    file = as_file(target, allow or ())
-    overrides = with_shortcuts(parse_settings(settings), None, fidelity)
-    name = select_variants(file, variant)[0]
-    scenario, where = resolve(file, name, overrides), origins(file, name, overrides)
+    chosen = choose(target, variant, parse_settings(settings), None, fidelity, allow or (), whole=False)
+    scenario, name = chosen.first, chosen.file.name
     if not hasattr(scenario.controller, "machine"):
-        raise BadInputError(f"--machine: the controller of {file.name!r} has no state machine")
+        raise BadInputError(f"--machine: the controller of {name!r} has no state machine")
     try:
         chart = made_by(scenario.controller, "machine", "controller", MachineChart, "a MachineChart")
     except BadInputError as error:
-        raise located(scenario, error, where) from error.__cause__
-    return f"{file.name}_machine", replace(chart, name=file.name)
+        raise located(scenario, error, chosen.where(next(iter(chosen.scenarios)))) from error.__cause__
+    return Shown(f"{name}_machine", replace(chart, name=name), _code(chosen), chosen)
 
 
-def _is_import_path(target: str) -> bool:
-    """Whether it is `package.module:function`, and no file that has a colon in its name."""
-    return ":" in target and not os.path.exists(target)
+def _code(chosen: Chosen) -> list[str]:
+    return said(code_in(chosen.file) | code_in(replace(chosen.file, tree=nest(chosen.changes))))
 
 
-def named_scenarios(
-    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
-) -> list[Scenario]:
-    """The variants of a scenario, as read; none of an import path.
-
-    Args: as for `named_diagram`.
-    """
-    if _is_import_path(target):
-        return []
-    file = as_file(target, allow or ())
-    overrides = with_shortcuts(parse_settings(settings), None, fidelity)
-    return [resolve(file, name, overrides) for name in select_variants(file, variant)]
-
-
-def said_of(scenarios: Sequence[Scenario]) -> list[str]:
-    """Lines on the gains that an experiment finds before each run of the first one, and on unread keys of any."""
-    gains = [line for scenario in scenarios[:1] for line in gains_lines(scenario)]
-    return [*gains, *dict.fromkeys(f"info: {line}" for scenario in scenarios for line in unread(scenario))]
-
-
-def named_margins(
-    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
-) -> list[LoopMargins]:
-    """Stability margins of a scenario; none of an import path.
-
-    Args: as for `named_diagram`.
-    """
-    if _is_import_path(target):
-        return []
-    overrides = parse_settings(settings)
-    return margins(target, variant=variant, overrides=overrides, fidelity=fidelity, allow_imports=allow or ())
-
-
-def named_code(target: str, settings: Iterable[str] | None) -> list[str]:
-    """Lines that say which code beside forcectl's own a target names; see `forcectl.scenario.code`."""
-    if _is_import_path(target):
-        return said({"": target})
-    file = as_file(target)
-    return said(code_in(file) | code_in(replace(file, tree=nest(parse_settings(settings)))))
+def said_of(chosen: Chosen) -> list[str]:
+    """Lines on the gains that an experiment finds before each run of the first variant, and on unread keys of any."""
+    keys = dict.fromkeys(f"info: {line}" for scenario in chosen.scenarios.values() for line in unread(scenario))
+    return [*gains_lines(chosen.first), *keys]
 
 
 def _call_for_diagram(path: str) -> System:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, System
 
 from forcectl.diagrams.chain import LoopMargins, loop_margins
 from forcectl.doctor import Report, examine
@@ -14,18 +14,9 @@ from forcectl.errors import BadInputError
 from forcectl.graph.export import Graph, MachineGraph
 from forcectl.graph.export import graph as draw
 from forcectl.inspect.ports import PortName
-from forcectl.scenario.catalog import ScenarioFile
+from forcectl.runs.chosen import Chosen, choose
 from forcectl.scenario.error_keys import located
-from forcectl.scenario.layers import select_variants
-from forcectl.scenario.scenario import (
-    ONE_SCENARIO,
-    Scenario,
-    as_file,
-    build,
-    origins,
-    resolve,
-    with_shortcuts,
-)
+from forcectl.scenario.scenario import ONE_SCENARIO, Scenario
 from forcectl.tasks.machine.chart import MachineChart
 
 
@@ -109,35 +100,16 @@ def margins(
     Raises:
         BadInputError: the scenario cannot be used.
     """
-    file, changes = as_file(scenario, allow_imports), with_shortcuts(overrides, seed, fidelity)
-    name = select_variants(file, variant)[0]
-    one, where = resolve(file, name, changes), origins(file, name, changes)
+    return margins_of(choose(scenario, variant, overrides, seed, fidelity, allow_imports, whole=False))
+
+
+def margins_of(chosen: Chosen) -> list[LoopMargins]:
+    """Those of the first one of some variants, see `margins`."""
+    name, one = next(iter(chosen.scenarios.items()))
     try:
         return loop_margins(one.parts, one.setting())
     except BadInputError as error:
-        raise located(one, error, where) from error.__cause__
-
-
-def first_built(
-    file: ScenarioFile, variants: Sequence[str], overrides: Mapping[str, Any], *, whole: bool = False
-) -> tuple[Scenario, Diagram]:
-    """The first of some variants, and its diagram.
-
-    Args:
-        file: the scenario.
-        variants: of it.
-        overrides: dotted key -> value.
-        whole: build the others, too, to find what is wrong with them.
-
-    Raises:
-        BadInputError: a variant cannot be built.
-    """
-    scenarios = {name: resolve(file, name, overrides) for name in (variants if whole else variants[:1])}
-    diagrams = (build(one, origins(file, name, overrides)).diagram for name, one in scenarios.items())
-    first = next(diagrams)
-    for _ in diagrams:
-        pass
-    return scenarios[variants[0]], first
+        raise located(one, error, chosen.where(name)) from error.__cause__
 
 
 def _system(
@@ -151,9 +123,8 @@ def _system(
 ) -> tuple[Any, str]:
     """The diagram of a scenario and its title; what is no scenario as it is."""
     if isinstance(scenario, ONE_SCENARIO):
-        file, changes = as_file(scenario, allow_imports), with_shortcuts(overrides, seed, fidelity)
-        one, diagram = first_built(file, select_variants(file, variant), changes, whole=whole)
-        return diagram, ", ".join(filter(None, (one.title or file.name, variant)))
+        chosen = choose(scenario, variant, overrides, seed, fidelity, allow_imports, whole=whole)
+        return chosen.diagram(), ", ".join(filter(None, (chosen.title, variant)))
     given = {"variant": variant, "overrides": overrides, "seed": seed, "fidelity": fidelity}
     given["allow_imports"] = allow_imports or None
     if wrong := [name for name, value in given.items() if value is not None]:

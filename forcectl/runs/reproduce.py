@@ -20,29 +20,20 @@ from typing import Any
 
 from forcectl.errors import BadInputError, ForcectlError, one_line
 from forcectl.interrupts import Interrupts
+from forcectl.runs.chosen import Chosen, choose
 from forcectl.runs.claims.claim import Claim, Numbered, Place, claimed
 from forcectl.runs.claims.kept import kept
 from forcectl.runs.claims.lock import StorageError, locked, writing
 from forcectl.runs.directory import INTERRUPTED, SUMMARY, is_complete, made_alike, made_of, write_json
 from forcectl.runs.pages.reproduction import write_page
 from forcectl.runs.result import StoppedRunError
-from forcectl.runs.run import check_overrides, finish, keep_variant, resolved_text, variant_made_of, verdicts_on
+from forcectl.runs.run import finish, keep_variant, verdicts_on
 from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.runs.stored import read_run
 from forcectl.runs.workers import EndedTask, Workers
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict
-from forcectl.scenario.layers import select_variants
-from forcectl.scenario.scenario import (
-    ONE_SCENARIO,
-    Named,
-    Scenario,
-    as_file,
-    build,
-    origins,
-    resolve,
-    with_shortcuts,
-)
+from forcectl.scenario.scenario import ONE_SCENARIO, Named, as_file, build, origins, resolve
 
 Progress = Callable[[str, float], None]  # (what, share done)
 _DEATHS = 2  # of the process of a variant, after which it is a failed row
@@ -52,15 +43,14 @@ _DEATHS = 2  # of the process of a variant, after which it is a failed row
 class _Part:
     """One experiment on one fidelity: the unit of a run directory."""
 
-    file: ScenarioFile
+    chosen: Chosen
     fidelity: str
-    overrides: dict[str, Any]
-    scenarios: dict[str, Scenario]
     several: bool  # whether the experiment runs on several fidelities
 
-    def made_of(self) -> dict[str, Any]:
-        """What its results depend on."""
-        return made_of(resolved_text(self.scenarios))
+    @property
+    def name(self) -> str:
+        """Of the experiment."""
+        return self.chosen.file.name
 
 
 @dataclass(frozen=True)
@@ -209,7 +199,7 @@ class _Work:
             (i, variant)
             for i, part in enumerate(self._parts)
             if i not in self.reports
-            for variant in part.scenarios
+            for variant in part.chosen.scenarios
             if variant not in self._outcomes[i]
         ]
 
@@ -222,13 +212,13 @@ class _Work:
         """Find what an earlier reproduction had finished: the same experiments, made with the same versions."""
         for i, part in enumerate(self._parts):
             folder = self._folder(i)
-            if is_complete(folder) and made_alike((stored := read_run(folder)).manifest, part.made_of()):
+            if is_complete(folder) and made_alike((stored := read_run(folder)).manifest, made_of(part.chosen.text)):
                 self.reports[i] = _part_report(part, stored.verdicts, stored.metrics)
                 continue
             claim = self._claim(i)
             for one in kept(folder.with_name(folder.name + INTERRUPTED)):
                 name = one.outcome.variant
-                if name in part.scenarios and one.made_of == variant_made_of(name, part.scenarios[name]):
+                if name in part.chosen.scenarios and one.made_of == part.chosen.made_of(name):
                     self._outcomes[i][name] = one.outcome
                     self._keep(i, claim, name)
         variants = sum(map(len, self._outcomes.values()))
@@ -239,11 +229,11 @@ class _Work:
     def take(self, i: int, variant: str, outcome: VariantOutcome | str) -> None:
         """A variant has been simulated: it is kept, or its part is judged and written where it was the last one."""
         part, outcomes = self._parts[i], self._outcomes[i]
-        outcomes[variant] = outcome
+        outcomes[variant], count = outcome, len(part.chosen.scenarios)
         if self._progress:
-            self._progress(f"{part.file.name} [{part.fidelity}]", len(outcomes) / len(part.scenarios))
+            self._progress(f"{part.name} [{part.fidelity}]", len(outcomes) / count)
         claim = None if self.directory is None else self._claim(i)
-        if len(outcomes) < len(part.scenarios):
+        if len(outcomes) < count:
             if claim is not None:
                 self._keep(i, claim, variant)
             return
@@ -263,11 +253,11 @@ class _Work:
         done = [one for one in self._outcomes[i].values() if isinstance(one, VariantOutcome) and one.failure is None]
         if any(one.variant == variant for one in done):
             done.sort(key=lambda one: one.variant == variant)
-            keep_variant(claim, self._parts[i].file, self._parts[i].scenarios, done, self._parts[i].overrides)
+            keep_variant(claim, self._parts[i].chosen, done)
 
     def _folder(self, i: int) -> Path:
         assert self.directory is not None
-        return self.directory / self._parts[i].file.name / self._parts[i].fidelity
+        return self.directory / self._parts[i].name / self._parts[i].fidelity
 
     def _claim(self, i: int) -> Claim:
         if i not in self._claims:
@@ -307,17 +297,13 @@ def _parts(
     seed: int | None,
     fidelity: str | None,
 ) -> list[_Part]:
-    names = select_variants(file, variant)
-    first = resolve(file, names[0], with_shortcuts(overrides, seed, None))
+    first = choose(file, variant, overrides, seed, whole=False).first
     own = first.fidelities or [first.fidelity]
     # One that names a single fidelity can be realised in no other.
     fidelities = [fidelity] if fidelity is not None and len(first.fidelities) != 1 else own
-    parts = []
-    for one in fidelities:
-        changes = with_shortcuts(overrides, seed, one)
-        scenarios = {name: resolve(file, name, changes) for name in names}
-        check_overrides(file, names, changes)
-        parts.append(_Part(file, one, changes, scenarios, len(fidelities) > 1))
+    parts = [_Part(choose(file, variant, overrides, seed, one), one, len(fidelities) > 1) for one in fidelities]
+    for part in parts:
+        part.chosen.check_changes()
     return parts
 
 
@@ -352,7 +338,7 @@ def _simulate_all(
                     done.append((i, variant, f"{ended.death}, {_DEATHS} times" if ended.death else ended.result))
             while waiting and pool.free:
                 i, variant = waiting.popleft()
-                pool.submit((i, variant, parts[i].file, parts[i].overrides))
+                pool.submit((i, variant, parts[i].chosen.file, parts[i].chosen.changes))
             yield from done
             if not pool.busy:
                 return
@@ -361,18 +347,18 @@ def _simulate_all(
 
 def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str], claim: Claim | None) -> PartReport:
     """A part judged, and written to its directory."""
-    rows = []
-    for name in part.scenarios:
+    rows, chosen = [], part.chosen
+    for name in chosen.scenarios:
         outcome = outcomes[name]
         failure = outcome if isinstance(outcome, str) else outcome.failure
         if failure is not None:
             rows.append(Verdict(f"run of {name!r}", None, None, None, "must complete", False, failure))
-    simulated = [outcome for name in part.scenarios if isinstance(outcome := outcomes[name], VariantOutcome)]
+    simulated = [outcome for name in chosen.scenarios if isinstance(outcome := outcomes[name], VariantOutcome)]
     done = [outcome for outcome in simulated if outcome.failure is None]
-    rows += verdicts_on(part.file, part.scenarios, done)
+    rows += verdicts_on(chosen, done)
     if simulated and claim is not None:
         try:
-            finish(part.file, part.scenarios, simulated, claim, overrides=part.overrides)
+            finish(chosen, simulated, claim)
         except StoppedRunError:
             pass  # it is written beside, and a row already
         except StorageError:
@@ -385,5 +371,4 @@ def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str], claim: Cl
 def _part_report(part: _Part, rows: Iterable[Verdict], metrics: dict[str, dict[str, float | None]]) -> PartReport:
     if part.several:
         rows = [replace(row, target=f"{row.target} [{part.fidelity}]") for row in rows]
-    title = next(iter(part.scenarios.values())).title
-    return PartReport(part.file.name, title, part.fidelity, list(rows), metrics)
+    return PartReport(part.name, part.chosen.first.title, part.fidelity, list(rows), metrics)

@@ -17,13 +17,13 @@ from forcectl.analysis.force_metrics import find_steps, force_distance
 from forcectl.analysis.slot import check_files
 from forcectl.errors import BadInputError, one_line
 from forcectl.figures.file_names import file_names
-from forcectl.framework.reader import join
-from forcectl.framework.yaml_tree import Tagged, Tree, as_json, dump, nest
+from forcectl.framework.yaml_tree import as_json
 from forcectl.interrupts import Interrupts, passed_over
 from forcectl.robot.model import RobotModel
+from forcectl.runs.chosen import Chosen, choose
 from forcectl.runs.claims.claim import Claim, Place, claimed
 from forcectl.runs.claims.kept import keep
-from forcectl.runs.directory import DATA, FAILED, INTERRUPTED, keep_only, made_of, manifest, write_file, write_json
+from forcectl.runs.directory import DATA, FAILED, INTERRUPTED, keep_only, manifest, write_file, write_json
 from forcectl.runs.logs import described, prepare_to_write, stack, write_netcdf
 from forcectl.runs.result import InterruptedRunError, RunResult, StoppedRunError
 from forcectl.runs.simulate import VariantOutcome, simulate
@@ -31,15 +31,7 @@ from forcectl.runs.terminal.realtime import check_realtime_rate
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict, judge
 from forcectl.scenario.layers import select_variants
-from forcectl.scenario.scenario import (
-    Scenario,
-    as_file,
-    build,
-    origins,
-    resolve,
-    resolved_tree,
-    with_shortcuts,
-)
+from forcectl.scenario.scenario import Scenario, build
 from forcectl.scenario.trees import part_tree
 
 Progress = Callable[[str, float], None]  # (variant, share done)
@@ -86,81 +78,37 @@ def run(
         InterruptedRunError: Ctrl-C; the log up to there is kept as `<out>.interrupted`.
     """
     check_realtime_rate(realtime_rate, "realtime_rate")
-    file = as_file(scenario, allow_imports)
-    changes = with_shortcuts(overrides, seed, fidelity)
     # Everything is checked before anything is simulated.
-    scenarios = {name: resolve(file, name, changes) for name in select_variants(file, variant)}
-    check_overrides(file, list(scenarios), changes)
+    chosen = choose(scenario, variant, overrides, seed, fidelity, allow_imports)
+    chosen.check_changes()
     if replay and out is None:
         raise BadInputError("replay = True: must be False without an output directory")
     with contextlib.nullcontext() if out is None else claimed(out, force) as claim:
         if claim is not None:
             prepare_to_write()
         stage("building")
-        loops = {name: build(one, origins(file, name, changes)) for name, one in scenarios.items()}
+        loops = {name: chosen.build(name) for name in chosen.scenarios}
         stage("simulating")
         outcomes: list[VariantOutcome] = []
         try:
             with Interrupts():
-                for number, (name, one) in enumerate(scenarios.items(), start=1):
+                for number, (name, one) in enumerate(chosen.scenarios.items(), start=1):
                     outcomes.append(simulate(one, loops.pop(name), name, realtime_rate, progress))
                     if outcomes[-1].failure is not None:
                         break
-                    if claim is not None and number < len(scenarios):
-                        keep_variant(claim, file, scenarios, outcomes, changes)
+                    if claim is not None and number < len(chosen.scenarios):
+                        keep_variant(claim, chosen, outcomes)
                 if not outcomes[-1].interrupted:
                     stage("judging" if claim is None else "writing")
-                    return finish(file, scenarios, outcomes, claim, replay=replay, overrides=changes)
+                    return finish(chosen, outcomes, claim, replay=replay)
         except KeyboardInterrupt:
             pass  # the frames of the traceback hold the diagram
         with passed_over():  # what is kept is kept, whoever is impatient
-            raise _keep_interrupted(file, scenarios, outcomes, claim, changes)
-
-
-def check_overrides(file: ScenarioFile, names: Sequence[str], overrides: Mapping[str, Any]) -> None:
-    """Refuse overrides that would make variants the same under different names.
-
-    Args:
-        file: of the variants.
-        names: of the ones to be run, each of which can be resolved.
-        overrides: dotted key -> value.
-
-    Raises:
-        BadInputError: several variants are to be run, and one of them sets an overridden key, a part of it, or what it
-            is a part of.
-    """
-    if len(names) < 2:
-        return
-    set_by = {name: _keys(nest(file.tree["variants"].get(name) or {})) for name in names}
-    for key in _keys(nest({key: part_tree(value) for key, value in overrides.items()})):
-        clashing = [name for name, keys in set_by.items() if any(overlap(key, other) for other in keys)]
-        if clashing:
-            raise BadInputError(
-                f"override of {key} for several variants: must be a key that none of them sets, but it is set by "
-                f"{', '.join(map(repr, clashing))}: run one of them with --variant, or override another key"
-            )
-
-
-def _keys(tree: Tree, key: str = "") -> list[str]:
-    """Dotted keys that a tree replaces when it is merged: a tag or a list replaces the whole part."""
-    if isinstance(tree, Tagged) and tree.tag is None:
-        return [found for name, part in tree.items() for found in _keys(part, join(key, name))]
-    return [key]
-
-
-def overlap(one: str, other: str) -> bool:
-    """Whether one of two dotted keys is the other, or a part of it."""
-    return f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}.")
+            raise _keep_interrupted(chosen, outcomes, claim)
 
 
 def finish(
-    file: ScenarioFile,
-    scenarios: Mapping[str, Scenario],
-    outcomes: Sequence[VariantOutcome],
-    claim: Claim | None,
-    *,
-    overrides: Mapping[str, Any],
-    replay: bool = False,
+    chosen: Chosen, outcomes: Sequence[VariantOutcome], claim: Claim | None, *, replay: bool = False
 ) -> RunResult:
     """Judge simulated variants and write their run directory.
 
@@ -169,27 +117,27 @@ def finish(
         StorageError: the directory cannot be written any more.
     """
     failed = next((outcome for outcome in outcomes if outcome.failure is not None), None)
-    first = next(iter(scenarios.values()))
-    ended = f"stopped: {failed.failure}" if failed else ""
-    log = described(stack([outcome.log for outcome in outcomes]), file.name, first, ended, _gains(outcomes))
+    first, name = chosen.first, chosen.file.name
+    log = _log(chosen, outcomes, f"stopped: {failed.failure}" if failed else "")
     diagram = outcomes[0].diagram or build(first).diagram
-    verdicts = [] if failed else verdicts_on(file, scenarios, outcomes)
+    verdicts = [] if failed else verdicts_on(chosen, outcomes)
 
     def fill(folder: Path) -> None:
-        written = (folder, file, scenarios, outcomes, overrides)
         write_netcdf(log, folder / "log.nc")
-        _write_words(*written, verdicts, *(("failed", failed.failure) if failed else ("done", None)))
+        status, failure = ("failed", failed.failure) if failed else ("done", None)
+        _write_words(folder, chosen, outcomes, status, failure, verdicts)
         try:
-            _write_pictures(folder, log, first, diagram, first.title or file.name, _findings(outcomes))
-            parts = file_names(scenarios)
+            _write_pictures(folder, log, first, diagram, chosen.title, _findings(outcomes))
+            parts = file_names(chosen.scenarios)
             for outcome in outcomes:
-                mark = f"_{parts[outcome.variant]}" if len(scenarios) > 1 else ""
-                _write_files(folder, mark, outcome, scenarios[outcome.variant], replay)
+                mark = f"_{parts[outcome.variant]}" if len(parts) > 1 else ""
+                _write_files(folder, mark, outcome, chosen.scenarios[outcome.variant], replay)
         except Exception as error:
             if isinstance(error, OSError):  # they may be there in part, and leave no room for the line that says so
                 keep_only(folder, DATA)
             if failed is None:
-                _write_words(*written, verdicts, "failed", f"pictures cannot be drawn: {one_line(error)}")
+                failure = f"pictures cannot be drawn: {one_line(error)}"
+                _write_words(folder, chosen, outcomes, "failed", failure, verdicts)
             raise
 
     if failed is not None:
@@ -201,7 +149,7 @@ def finish(
     speeds = {outcome.variant: outcome.realtime_factor for outcome in outcomes}
     gains = {outcome.variant: outcome.gains for outcome in outcomes if outcome.gains}
     return RunResult(
-        file.name, log, metrics, diagram, directory, verdicts, assumed_of(first), first, findings, speeds, gains
+        name, log, metrics, diagram, directory, verdicts, assumed_of(first), first, findings, speeds, gains
     )
 
 
@@ -220,97 +168,76 @@ def _gains(outcomes: Sequence[VariantOutcome]) -> dict[str, dict[str, Any]]:
     return {outcome.variant: {one.key: one.as_row() for one in outcome.gains} for outcome in outcomes if outcome.gains}
 
 
-def keep_variant(
-    claim: Claim,
-    file: ScenarioFile,
-    scenarios: Mapping[str, Scenario],
-    outcomes: Sequence[VariantOutcome],
-    overrides: Mapping[str, Any],
-) -> None:
+def _log(chosen: Chosen, outcomes: Sequence[VariantOutcome], how: str) -> xr.Dataset:
+    """The log of variants, with the attributes of its file; `how` it ended is "" where it came to its end."""
+    log = stack([outcome.log for outcome in outcomes])
+    return described(log, chosen.file.name, chosen.scenarios[outcomes[0].variant], how, _gains(outcomes))
+
+
+def keep_variant(claim: Claim, chosen: Chosen, outcomes: Sequence[VariantOutcome]) -> None:
     """Make the last of the variants that have finished durable, in case the process is killed before all of them have.
 
     Raises:
         StorageError: it cannot be written.
     """
-    name = outcomes[-1].variant
-    one = scenarios[name]
-    failure = f"its process ended after {len(outcomes)} of {len(scenarios)} variants"
+    name, names = outcomes[-1].variant, list(chosen.scenarios)
+    failure = f"its process ended after {len(outcomes)} of {len(names)} variants"
     with claim.storing():
-        outcome = replace(outcomes[-1], log=described(outcomes[-1].log, file.name, one, failure, _gains(outcomes[-1:])))
-        _write_words(claim.results, file, scenarios, outcomes, overrides, [], "interrupted", failure)
-        keep(claim.results, list(scenarios).index(name), variant_made_of(name, one), outcome)
-
-
-def variant_made_of(name: str, scenario: Scenario) -> dict[str, Any]:
-    """What the results of a variant depend on, see `made_of`."""
-    return made_of(resolved_text({name: scenario}))
-
-
-def resolved_text(scenarios: Mapping[str, Scenario]) -> str:
-    """The scenario file that holds these variants in full."""
-    return dump(resolved_tree(scenarios))
+        outcome = replace(outcomes[-1], log=_log(chosen, outcomes[-1:], failure))
+        _write_words(claim.results, chosen, outcomes, "interrupted", failure)
+        keep(claim.results, names.index(name), chosen.made_of(name), outcome)
 
 
 def _write_words(
     folder: Path,
-    file: ScenarioFile,
-    scenarios: Mapping[str, Scenario],
+    chosen: Chosen,
     outcomes: Sequence[VariantOutcome],
-    overrides: Mapping[str, Any],
-    verdicts: Sequence[Verdict],
     status: str,
     failure: str | None,
+    verdicts: Sequence[Verdict] = (),
 ) -> None:
     """What is text in a run directory; `status` is done, failed or interrupted, `failure` says why."""
-    first = next(iter(scenarios.values()))
-    text = resolved_text(scenarios)
+    first, text = chosen.first, chosen.text
     stopped = next((outcome.variant for outcome in outcomes if outcome.failure is not None), None)
     reason = ({"failure": failure} if failure else {}) | ({"failed_variant": stopped} if stopped else {})
     details = {
-        "scenario": file.name,
+        "scenario": chosen.file.name,
         "title": first.title,
         "preset": first.preset,
         "fidelity": first.fidelity,
         "seed": first.seed,
-        "variants": list(scenarios),
+        "variants": list(chosen.scenarios),
         "robot_assumed": assumed_of(first),
-        "overrides": {key: as_json(part_tree(value)) for key, value in overrides.items()},
-        "model_error_window_s": {name: one.model_error_window for name, one in scenarios.items()},
+        "overrides": {key: as_json(part_tree(value)) for key, value in chosen.changes.items()},
+        "model_error_window_s": {name: one.model_error_window for name, one in chosen.scenarios.items()},
         "realtime_factor": {outcome.variant: outcome.realtime_factor for outcome in outcomes},
         "gains": _gains(outcomes),
         "status": status,
         **reason,
         "expectations": {v.target: v.as_row() for v in verdicts},
     }
-    write_file(folder / "scenario.yaml", f"# {file.name}, resolved\n{text}".encode())
+    write_file(folder / "scenario.yaml", f"# {chosen.file.name}, resolved\n{text}".encode())
     said = {name: {"findings": [one.as_row() for one in found]} for name, found in _findings(outcomes).items()}
     write_json(folder / "metrics.json", {name: each | said[name] for name, each in _metrics(outcomes).items()})
     write_json(folder / "manifest.json", manifest(text, details))
 
 
-def _keep_interrupted(
-    file: ScenarioFile,
-    scenarios: Mapping[str, Scenario],
-    outcomes: Sequence[VariantOutcome],
-    claim: Claim | None,
-    overrides: Mapping[str, Any],
-) -> InterruptedRunError:
+def _keep_interrupted(chosen: Chosen, outcomes: Sequence[VariantOutcome], claim: Claim | None) -> InterruptedRunError:
     """Write the log of a run that was interrupted, without pictures; returns what is to be raised."""
     outcomes = [outcome for outcome in outcomes if outcome.log.sizes["time"] > 1]
     if not outcomes:
         return InterruptedRunError("interrupted before anything was simulated: nothing was kept", None, None)
-    last, log = outcomes[-1], stack([outcome.log for outcome in outcomes])
-    log = described(log, file.name, next(iter(scenarios.values())), "interrupted", _gains(outcomes))
+    last, log = outcomes[-1], _log(chosen, outcomes, "interrupted")
     if last.interrupted:
-        failure = f"{last.failure} of {scenarios[last.variant].duration:g} s"
+        failure = f"{last.failure} of {chosen.scenarios[last.variant].duration:g} s"
     else:
-        failure = f"interrupted after {len(outcomes)} of {len(scenarios)} variants, before all was written"
+        failure = f"interrupted after {len(outcomes)} of {len(chosen.scenarios)} variants, before all was written"
     if claim is None:
         return InterruptedRunError(f"{failure}: nothing was written", log, None)
 
     def fill(folder: Path) -> None:
         write_netcdf(log, folder / "log.nc")
-        _write_words(folder, file, scenarios, outcomes, overrides, [], "interrupted", failure)
+        _write_words(folder, chosen, outcomes, "interrupted", failure)
 
     claim.clear()
     kept = claim.write(fill, INTERRUPTED)
@@ -322,15 +249,10 @@ def assumed_of(scenario: Scenario) -> dict[str, str]:
     return RobotModel.load(scenario.station.robot, None).parameters.assumed
 
 
-def verdicts_on(
-    file: ScenarioFile, scenarios: Mapping[str, Scenario], outcomes: Sequence[VariantOutcome]
-) -> list[Verdict]:
+def verdicts_on(chosen: Chosen, outcomes: Sequence[VariantOutcome]) -> list[Verdict]:
     """The verdicts on every expectation whose variants were all run."""
-    first = next(iter(scenarios.values()))
-    names = select_variants(file)
-    done = [outcome for outcome in outcomes if outcome.failure is None]
-    metrics = {outcome.variant: outcome.metrics for outcome in done}
-    logs = {outcome.variant: outcome.log for outcome in done}
+    first, names, metrics = chosen.first, select_variants(chosen.file), _metrics(outcomes)
+    logs = {outcome.variant: outcome.log for outcome in outcomes if outcome.failure is None}
 
     def distance(variant: str, other: str, share: float) -> float | None:
         if variant not in logs or other not in logs:
@@ -345,7 +267,7 @@ def verdicts_on(
     return [
         judge(expectation, metrics, names, first.fidelity, distance, first.fidelities)
         for expectation in first.expect
-        if set(expectation.variants(names).values()) <= set(scenarios)
+        if set(expectation.variants(names).values()) <= set(chosen.scenarios)
     ]
 
 

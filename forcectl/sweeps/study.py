@@ -28,7 +28,7 @@ from forcectl.analysis.tables.task_tables import MODE_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import Tagged, dump, equal
-from forcectl.runs.run import overlap
+from forcectl.runs.chosen import overlap
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve

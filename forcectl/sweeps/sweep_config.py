@@ -13,7 +13,7 @@ from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.fields import Config, key
 from forcectl.framework.yaml_tree import Tagged, parse, place, plain
-from forcectl.runs.run import overlap
+from forcectl.runs.chosen import overlap
 from forcectl.scenario.catalog import ScenarioFile, experiments_folder, list_experiments
 from forcectl.scenario.layers import check_different, check_names
 from forcectl.scenario.scenario import as_file

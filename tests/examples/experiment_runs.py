@@ -17,13 +17,13 @@ import xarray as xr
 from forcectl.analysis.findings.finding import RunFinding
 from forcectl.diagrams.loop import Loop
 from forcectl.diagrams.station import SHIPPED_FIDELITIES
+from forcectl.runs.chosen import choose
 from forcectl.runs.logs import stack
 from forcectl.runs.run import verdicts_on
 from forcectl.runs.simulate import FOUND, VariantOutcome, simulate
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.expectations import Verdict
 from forcectl.scenario.gains import identifications, text_of
-from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import Scenario, build, resolve, with_shortcuts
 
 
@@ -61,17 +61,16 @@ def run_experiment(name: str, fidelity: str | None = None, seed: int | None = No
         fidelity: of the station; None: that of the scenario.
         seed: of the noise; None: that of the scenario.
     """
-    file, changes = find_scenario(name), with_shortcuts(None, seed, fidelity)
-    scenarios = {variant: resolve(file, variant, changes) for variant in select_variants(file)}
+    chosen = choose(name, seed=seed, fidelity=fidelity)
     done: dict[str, VariantOutcome] = {}
     for wait in (False, True):  # variants that another process simulates come last: two at it share them out
-        for variant in [each for each in scenarios if each not in done]:
-            if (one := _outcome(name, variant, changes, wait)) is not None:
+        for variant in [each for each in chosen.scenarios if each not in done]:
+            if (one := _outcome(name, variant, chosen.changes, wait)) is not None:
                 done[variant] = one
-    outcomes = [done[variant] for variant in scenarios]
+    outcomes = [done[variant] for variant in chosen.scenarios]
     metrics = {outcome.variant: outcome.metrics for outcome in outcomes}
     findings = {outcome.variant: outcome.findings for outcome in outcomes}
-    return ExperimentRun(stack([o.log for o in outcomes]), metrics, verdicts_on(file, scenarios, outcomes), findings)
+    return ExperimentRun(stack([o.log for o in outcomes]), metrics, verdicts_on(chosen, outcomes), findings)
 
 
 def run_variant(name: str, variant: str, fidelity: str | None = None, seed: int | None = None) -> VariantOutcome:
