@@ -30,12 +30,14 @@ class EndedTask:
         result: of the job; None where its process did not live to give one.
         death: what became of the process then; "" else.
         overdue: the process was ended because it took too long.
+        cancelled: whether the task had begun or not.
     """
 
     task: Any
     result: Any = None
     death: str = ""
     overdue: bool = False
+    cancelled: bool = False
 
 
 @dataclass

@@ -14,16 +14,18 @@ from forcectl.sweeps.study import Study
 ROUND = 10  # repetitions between two looks at an interval
 
 
-def wilson_half_width(successes: int, trials: int, confidence: float) -> float:
-    """Half width of the Wilson interval of a success rate.
+def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Wilson interval of a success rate; from 0 to 1 without trials.
 
     Args:
         successes: among the trials.
-        trials: at least one.
+        trials: how many.
         confidence: of the interval.
     """
+    if not trials:
+        return 0.0, 1.0
     interval = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
-    return float(interval.high - interval.low) / 2
+    return float(interval.low), float(interval.high)
 
 
 class Agenda:
@@ -116,7 +118,7 @@ class Agenda:
                     return
                 successes += self._finished[number]
                 asked += 1
-            if asked < repeat.at_most and wilson_half_width(successes, asked, repeat.confidence) > repeat.half_width:
-                self._ask(group, asked, min(asked + ROUND, repeat.at_most))
-            else:
+            low, high = wilson(successes, asked, repeat.confidence)
+            if asked >= repeat.at_most or (high - low) / 2 <= repeat.half_width:
                 return
+            self._ask(group, asked, min(asked + ROUND, repeat.at_most))

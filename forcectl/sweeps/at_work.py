@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from forcectl.analysis.tables.metric_tables import unknown_metric
 from forcectl.errors import RunFailedError
 from forcectl.runs.claims.lock import StorageError
+from forcectl.runs.workers import EndedTask, Workers
 from forcectl.sweeps.agenda import Agenda
 from forcectl.sweeps.batches import Task
-from forcectl.sweeps.engines import Ended, Engine, Processes, Sequential
+from forcectl.sweeps.engines import Engine, Sequential, reported
 from forcectl.sweeps.results import Results, Row
 from forcectl.sweeps.study import Study, unknown_metrics
 from forcectl.sweeps.trial import cost, row_of, timeout_reason
@@ -59,7 +60,7 @@ def engine_of(
         return DaskEngine(study, results, timeout, scheduler)
     if engine == "sequential":
         return Sequential(study, results, timeout)
-    return Processes(study, results, timeout, workers or os.cpu_count() or 1)
+    return Workers(reported, (study, results, timeout), workers or os.cpu_count() or 1, timeout)
 
 
 class SweepRun:
@@ -143,14 +144,14 @@ class SweepRun:
                 elsewhere.discard(number)
                 self._agenda.put_back(number)
 
-    def _end(self, ended: Ended) -> None:
+    def _end(self, ended: EndedTask) -> None:
         """A task has ended: the rows of its trials say how; those without one are run again, each by itself."""
-        if ended.storage:
-            raise StorageError(ended.fault)
+        if ended.result:
+            raise StorageError(ended.result)
         for number in ended.task.trials:
             self._end_trial(number, ended)
 
-    def _end_trial(self, number: int, ended: Ended) -> None:
+    def _end_trial(self, number: int, ended: EndedTask) -> None:
         row, together = self._results.row(number), len(ended.task.trials) > 1
         if row is None and ended.overdue and together:
             self._agenda.put_back(number)
@@ -172,7 +173,7 @@ class SweepRun:
             self._agenda.put_back(number)
             return
         self._lost.add(number)
-        self._results.lose(number, f"{ended.fault or 'it ended without a row'}, {DEATHS} times")
+        self._results.lose(number, f"{ended.death or 'it ended without a row'}, {DEATHS} times")
 
     def _take(self, row: Row) -> None:
         self._rows[row["trial"]] = row

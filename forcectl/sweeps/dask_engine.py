@@ -9,15 +9,15 @@ import time
 import uuid
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
+from pathlib import Path
 from typing import Any
 
 from forcectl.errors import BadInputError, RunFailedError, one_line
-from forcectl.runs.claims.lock import StorageError
+from forcectl.runs.workers import EndedTask
 from forcectl.sweeps.batches import Task
-from forcectl.sweeps.engines import Ended
+from forcectl.sweeps.engines import reported
 from forcectl.sweeps.results import Results
-from forcectl.sweeps.study import Study
-from forcectl.sweeps.trial import run_task
+from forcectl.sweeps.study import Study, versions
 
 CONNECT = 10.0  # [s] to reach a scheduler
 RESTART = 60.0  # [s] for workers to come back when all have died
@@ -62,15 +62,15 @@ class DaskEngine:
         self._futures: dict[Task, Any] = {}
         self._threads, self._next_look = 0, 0.0
         try:
-            self._check_workers(study, results, address)
+            self._check_workers(results, address)
         except BaseException:
             self.close()
             raise
         self._given = (study, results, timeout)
         self._shared: Any = None
 
-    def _check_workers(self, study: Study, results: Results, address: str) -> None:
-        mine = study.versions()
+    def _check_workers(self, results: Results, address: str) -> None:
+        mine = versions()
         try:
             told = self._client.run(_told, str(results.folder))
         except OSError as error:
@@ -81,12 +81,12 @@ class DaskEngine:
             ) from None
         if not told:
             raise BadInputError(f"--scheduler {address!r} has no workers: start some with `dask worker {address}`")
-        for worker, (versions, seen) in told.items():
-            if versions != mine:
-                theirs = ", ".join(f"{k} {versions.get(k)}" for k in mine if versions.get(k) != mine[k])
+        for worker, (others, seen) in told.items():
+            if others != mine:
+                theirs = ", ".join(f"{k} {others.get(k)}" for k in mine if others.get(k) != mine[k])
                 raise BadInputError(
                     f"worker {worker} has other versions: {theirs}; must be "
-                    f"{', '.join(f'{k} {v}' for k, v in mine.items() if versions.get(k) != v)}"
+                    f"{', '.join(f'{k} {v}' for k, v in mine.items() if others.get(k) != v)}"
                 )
             if not seen:
                 raise BadInputError(
@@ -129,7 +129,7 @@ class DaskEngine:
                     raise
                 time.sleep(0.5)
 
-    def wait(self) -> list[Ended]:
+    def wait(self) -> list[EndedTask]:
         """What has ended, by the word of the scheduler."""
         found = []
         try:
@@ -143,15 +143,13 @@ class DaskEngine:
                 raise RunFailedError(_GONE) from None
         return found
 
-    def _told(self, task: Task, future: Any) -> Ended:
+    def _told(self, task: Task, future: Any) -> EndedTask:
         with self._scheduler_there(), contextlib.suppress(CancelledError):
             if future.status == "finished":
-                fault = future.result()
-                return Ended(task, fault, storage=bool(fault))
+                return EndedTask(task, future.result())
             if future.status == "error":
-                error = future.exception()
-                return Ended(task, one_line(error)[:200])
-        return Ended(task, "the workers that had it died", cancelled=True)
+                return EndedTask(task, death=one_line(future.exception())[:200])
+        return EndedTask(task, death="the workers that had it died", cancelled=True)
 
     def close(self) -> None:
         """Let go of the scheduler; trials at work there go on to their end."""
@@ -175,20 +173,9 @@ class DaskEngine:
 
 def _told(folder: str) -> tuple[dict[str, str], bool]:
     """On a worker: its versions, and whether it sees the results directory."""
-    from importlib import metadata
-    from pathlib import Path
-
-    import forcectl
-
-    versions = {name: metadata.version(name) for name in ("drake", "numpy", "scipy")}
-    return {"forcectl": forcectl.__version__, **versions}, Path(folder).is_dir()
+    return versions(), Path(folder).is_dir()
 
 
 def _run(shared: tuple[Study, Results, float | None], task: Task) -> str:
-    """On a worker: one task; the answer is why the directory cannot be written, "" where it can."""
-    study, results, timeout = shared
-    try:
-        run_task(study, results, task, timeout)
-    except StorageError as error:
-        return str(error)
-    return ""
+    """On a worker: one task, see `reported`."""
+    return reported(*shared, task)

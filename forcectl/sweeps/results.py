@@ -108,20 +108,12 @@ class Results:
         """
         target = self.row_path(row["trial"])
         text = json.dumps({**row, "plan": self.digest}, allow_nan=False, ensure_ascii=False)
-        aside = target.with_name(f".{target.name}.{os.getpid()}")
-        with writing(self.folder):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                with aside.open("w", encoding="utf-8") as file:
-                    file.write(text)
-                    file.flush()
-                    os.fsync(file.fileno())
-                os.link(aside, target)  # unlike a renaming it never replaces what another process wrote
-            except FileExistsError:
-                return False
-            finally:
-                aside.unlink(missing_ok=True)
-        return True
+        with self._aside(target) as aside:
+            with aside.open("w", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            return _linked(aside, target)
 
     def row(self, trial: int) -> Row | None:
         """The row of a trial; None where there is none."""
@@ -157,46 +149,37 @@ class Results:
 
     def claim(self, trial: int) -> bool:
         """Mark a trial as at work in this process; False where another living process has it."""
-        mark = self._numbered("running", trial, ".json")
+        mark = self._mark(trial)
         text = json.dumps({**vars(Owner.here()), "since": time.time()})
-        aside = mark.with_name(f".{mark.name}.{os.getpid()}")
-        with writing(self.folder):
-            mark.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                aside.write_text(text, encoding="utf-8")
-                if not self.owned(trial):
-                    mark.unlink(missing_ok=True)
-                os.link(aside, mark)
-            except FileExistsError:
-                return False
-            finally:
-                aside.unlink(missing_ok=True)
-        return True
+        with self._aside(mark) as aside:
+            aside.write_text(text, encoding="utf-8")
+            if not self.owned(trial):
+                mark.unlink(missing_ok=True)
+            return _linked(aside, mark)
 
     def lose(self, trial: int, reason: str) -> None:
         """Note why a trial has no row, and whose processes died, more often than is by chance."""
-        mark = self._numbered("running", trial, ".json")
+        mark = self._mark(trial)
         text = json.dumps({"host": socket.gethostname(), "pid": 0, "started": "none", "reason": reason})
         self.write(mark, lambda path: path.write_text(text, encoding="utf-8"))
 
     def release(self, trial: int) -> None:
         """Take the mark of a trial away."""
         with contextlib.suppress(OSError):
-            self._numbered("running", trial, ".json").unlink(missing_ok=True)
+            self._mark(trial).unlink(missing_ok=True)
 
     def beat(self, trial: int) -> None:
         """Give a sign of life."""
         with contextlib.suppress(OSError):
-            os.utime(self._numbered("running", trial, ".json"))
+            os.utime(self._mark(trial))
 
     def begun(self, trial: int) -> bool:
         """Whether a process has marked a trial, alive or not."""
-        return self._numbered("running", trial, ".json").is_file()
+        return self._mark(trial).is_file()
 
     def owned(self, trial: int) -> bool:
         """Whether a living process has marked a trial."""
-        path = self._numbered("running", trial, ".json")
-        owner = _owner(path)
+        owner = _owner(self._mark(trial))
         return owner is not None and owner[0].lives(owner[1])
 
     def marks(self) -> dict[int, bool]:
@@ -239,14 +222,27 @@ class Results:
         Raises:
             StorageError: it cannot be written.
         """
+        with self._aside(path) as aside:
+            fill(aside)
+            aside.replace(path)
+
+    @contextlib.contextmanager
+    def _aside(self, path: Path) -> Iterator[Path]:
+        """Where a file is written before it gets its name; gone in the end.
+
+        Raises:
+            StorageError: something could not be written.
+        """
         aside = path.with_name(f".{os.getpid()}-{path.name}")
         with writing(self.folder):
             path.parent.mkdir(parents=True, exist_ok=True)
             try:
-                fill(aside)
-                aside.replace(path)
+                yield aside
             finally:
                 aside.unlink(missing_ok=True)
+
+    def _mark(self, trial: int) -> Path:
+        return self._numbered("running", trial, ".json")
 
     def _numbered(self, room: str, trial: int, ending: str) -> Path:
         return self.folder / room / f"{trial // _PER_FOLDER:04d}" / f"{trial:07d}{ending}"
@@ -257,6 +253,15 @@ class Results:
                 for entry in os.scandir(folder.path):
                     if entry.name.endswith(".json") and not entry.name.startswith("."):
                         yield Path(entry.path)
+
+
+def _linked(aside: Path, target: Path) -> bool:
+    """Give a file its name; unlike a renaming this never replaces what another process wrote, and is False there."""
+    try:
+        os.link(aside, target)
+    except FileExistsError:
+        return False
+    return True
 
 
 def _owner(path: Path) -> tuple[Owner, float] | None:

@@ -28,7 +28,7 @@ from forcectl.sweeps.results import (
     identity_of,
     is_copy,
 )
-from forcectl.sweeps.study import Study, at_lines, study_of
+from forcectl.sweeps.study import Study, at_lines, study_of, versions
 from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, read_sweep
 from forcectl.sweeps.table import (
     COSTS,
@@ -231,7 +231,7 @@ def _identity(study: Study, folder: Path, part: tuple[int, int]) -> dict[str, An
         "name": study.name,
         "scenario": study.file.name,
         "digest": study.digest(),
-        "versions": study.versions(),
+        "versions": versions(),
         "git": git_state(),
         "trials": study.size,
         "points": len(study.points),
@@ -255,8 +255,7 @@ def _refuse_begun(folder: Path, resume: bool) -> None:
 def _same(study: Study, folder: Path, part: tuple[int, int] | None) -> tuple[int, int]:
     """Refuse a directory that is not of this sweep; returns its shard."""
     identity = identity_of(folder)
-    if identity["versions"] != study.versions():
-        theirs, mine = identity["versions"], study.versions()
+    if (theirs := identity["versions"]) != (mine := versions()):
         differing = [
             f"{name} {theirs.get(name)} (here {mine[name]})" for name in mine if theirs.get(name) != mine[name]
         ]

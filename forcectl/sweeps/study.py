@@ -140,16 +140,17 @@ class Study:
         """Whether the sweep can be read back from its text: no value is an object from Python."""
         return is_plain([self.file.tree, self.config.overrides, self.config.arms, [axis.values for axis in self.axes]])
 
-    def versions(self) -> dict[str, str]:
-        """What the results depend on."""
-        return {"forcectl": forcectl.__version__, **{name: metadata.version(name) for name in _PACKAGES}}
-
     def digest(self) -> str:
         """Hash of the sweep, its points and the versions."""
         found = hashlib.sha256(self.text.encode())
-        found.update(json.dumps(self.versions(), sort_keys=True).encode())
+        found.update(json.dumps(versions(), sort_keys=True).encode())
         found.update(np.ascontiguousarray(self.points).tobytes())
         return found.hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """What the results of a sweep depend on."""
+    return {"forcectl": forcectl.__version__, **{name: metadata.version(name) for name in _PACKAGES}}
 
 
 def study_of(sweep: SweepFile, allow_imports: Sequence[str] = ()) -> Study:

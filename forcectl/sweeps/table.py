@@ -87,7 +87,7 @@ def trials_table(
     names = {name for row in told for name in row.get("metrics", ())}
     ordered = [name for name in METRICS if name in names]
     values = {
-        name: [_number(row.get("metrics", {}).get(name)) for row in told]
+        name: [row.get("metrics", {}).get(name) for row in told]
         for name in [*ordered, *sorted(names - set(ordered))]
         if name not in frame
     }
@@ -112,10 +112,6 @@ def without_effect(study: Study, table: pd.DataFrame) -> list[str]:
         if groups and all((group[metrics].nunique(dropna=False) <= 1).all() for group in groups):
             found.append(key)
     return found
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else value
 
 
 def costs_table(rows: Mapping[int, Row]) -> pd.DataFrame:

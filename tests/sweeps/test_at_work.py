@@ -7,9 +7,9 @@ import json
 import pytest
 
 from forcectl.errors import BadInputError
+from forcectl.runs.workers import EndedTask
 from forcectl.sweeps.agenda import Agenda
 from forcectl.sweeps.at_work import DEATHS, SweepRun
-from forcectl.sweeps.engines import Ended
 from forcectl.sweeps.results import Results
 from forcectl.sweeps.run_sweep import begin
 from forcectl.sweeps.study import study_of
@@ -38,12 +38,12 @@ class Forgetful:
         (number,) = self._task.trials
         if self._cancelled.get(number, 0) == 0:
             run_task(self._study, self._results, self._task)
-            return [Ended(self._task)]
+            return [EndedTask(self._task)]
         self._cancelled[number] -= 1
         if self._begun.get(number, 0):
             self._begun[number] -= 1
             self._results.lose(number, "as of a process that is gone")
-        return [Ended(self._task, "the workers that had it died", cancelled=True)]
+        return [EndedTask(self._task, death="the workers that had it died", cancelled=True)]
 
     def close(self):
         """Nothing is left to end."""

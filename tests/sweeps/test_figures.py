@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from forcectl.sweeps.agenda import wilson
 from forcectl.sweeps.report.envelope import MOST_COMPONENTS, envelope_figure, read_envelope
 from forcectl.sweeps.report.figures import draw, metric_figure, rendered, sensitivity_figure, write_figures
-from forcectl.sweeps.report.numbers import Rate, Sensitivity, key_columns, outcome, wilson
+from forcectl.sweeps.report.numbers import Rate, Sensitivity, key_columns, outcome
 from forcectl.sweeps.report.panels import MOST_PANELS, cut
 from forcectl.sweeps.report.success import by_key_figure, map_figure, rates_figure
 from tests.sweeps.made_sweeps import (

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
+from forcectl.sweeps.agenda import wilson
 from forcectl.sweeps.report.numbers import (
     KeyColumn,
     Sensitivity,
@@ -22,7 +23,6 @@ from forcectl.sweeps.report.numbers import (
     short,
     shown_metrics,
     unit_of,
-    wilson,
 )
 from forcectl.sweeps.report.success import share_over_figure
 from tests.sweeps.made_sweeps import ARMS, DELAY, GAIN, NOISE, PRESET, STIFFNESS, TARE, log_uniform, made, uniform

@@ -14,7 +14,7 @@ from forcectl.sweeps.axes import Axis, label_of
 from forcectl.sweeps.report.numbers import Rate, compared, key_columns, outcome, rates, short, shown_metrics, unit_of
 from forcectl.sweeps.report.worst import REPLAY, WORST, kept, ranked
 from forcectl.sweeps.results import Results
-from forcectl.sweeps.study import CASE, Study, Trial
+from forcectl.sweeps.study import CASE, Study, Trial, versions
 from forcectl.sweeps.table import STATES
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def plan(study: Study, identity: Mapping[str, Any]) -> list[tuple[str, str]]:
         facts.append(("worst", f"{config.worst.count} with the {kind} {config.worst.metric}"))
     if (shard := identity.get("shard", [0, 1]))[1] > 1:
         facts.append(("shard", f"{shard[0] + 1} of {shard[1]}"))
-    facts.append(("versions", ", ".join(f"{name} {version}" for name, version in study.versions().items())))
+    facts.append(("versions", ", ".join(f"{name} {version}" for name, version in versions().items())))
     if git := identity.get("git"):
         facts.append(("commit", git["commit"] + (", with changes" if git["dirty"] else "")))
     facts.append(("hash of the plan", study.digest()))
@@ -150,7 +150,7 @@ def settings_tables(study: Study) -> list[TextTable]:
     ]
 
 
-def states(study: Study, table: pd.DataFrame) -> list[tuple[str, int]]:
+def states(table: pd.DataFrame) -> list[tuple[str, int]]:
     """How many trials are in each state that occurs."""
     counts = table["state"].value_counts()
     return [(state, int(counts[state])) for state in STATES if counts.get(state)]

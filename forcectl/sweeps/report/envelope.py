@@ -85,9 +85,8 @@ def envelope_figure(envelopes: Mapping[str, Envelope], component: int, label: st
         label: of the signal.
     """
     arms = list(envelopes)[:MOST_PANELS]
-    across = 1 if len(arms) == 1 else PER_ROW
-    figure, grid = panels(len(arms), share_x=True, share_y=True, across=across, height=3.4 if across == 1 else 2.7)
-    width = panel_width(len(arms), across)
+    figure, grid = panels(len(arms), share_x=True, share_y=True, height=3.4 if len(arms) == 1 else 2.7)
+    width = panel_width(len(arms))
     kept = {arm: envelope.levels[:, component] for arm, envelope in envelopes.items() if arm in arms}
     for i, (axes, arm, (colour, _)) in enumerate(zip(grid, arms, styles(len(arms)), strict=True)):
         least, low, median, high, most = kept[arm]
@@ -96,22 +95,21 @@ def envelope_figure(envelopes: Mapping[str, Envelope], component: int, label: st
         axes.fill_between(time, low, high, color=colour, alpha=0.35, lw=0)
         axes.plot(time, median, color=colour, lw=1.8)
         heading(axes, arm, width)
-        if i + across >= len(grid):
+        if i + PER_ROW >= len(grid):
             axes.set_xlabel("time [s]", fontsize=9)
-        if i % across == 0:
+        if i % PER_ROW == 0:
             axes.set_ylabel(label, fontsize=9, parse_math=False)
         axes.set_xlim(float(time[0]), float(time[-1]))
     cut_off = _limit(list(kept.values()))
     if cut_off is not None:
         grid[0].set_ylim(*cut_off)
-    below(
-        figure,
-        [
-            Line2D([], [], color=styles(1)[0][0] if len(arms) == 1 else "black", lw=1.8, label="median"),
-            Patch(color=styles(1)[0][0] if len(arms) == 1 else "black", alpha=0.35, lw=0, label="10 to 90 %"),
-            Patch(color=GREY, alpha=0.25, lw=0, label="all trials" + (", in part beyond the axis" if cut_off else "")),
-        ],
-    )
+    colour = styles(1)[0][0] if len(arms) == 1 else "black"
+    entries = [
+        Line2D([], [], color=colour, lw=1.8, label="median"),
+        Patch(color=colour, alpha=0.35, lw=0, label="10 to 90 %"),
+        Patch(color=GREY, alpha=0.25, lw=0, label="all trials" + (", in part beyond the axis" if cut_off else "")),
+    ]
+    below(figure, entries)
     return figure
 
 

@@ -41,15 +41,13 @@ from forcectl.sweeps.report.panels import (
     MOST_PANELS,
     PER_ROW,
     Drawn,
-    arm_legend,
     below,
     beside,
     cut,
     heading,
-    name_axis,
+    over_keys,
     panel_width,
     panels,
-    scale,
     styles,
     title,
 )
@@ -82,24 +80,10 @@ def metric_figure(
         arms: in the order of their colours.
         label: of the metric.
     """
-    across = 1 if len(columns) == 1 else PER_ROW
-    height = 3.4 if across == 1 else 2.7
-    figure, grid = panels(len(columns), share_y=True, across=across, height=height)
-    width = panel_width(len(columns), across)
-    for i, (axes, column) in enumerate(zip(grid, columns, strict=True)):
-        for number in range(len(arms)):
-            own = np.isfinite(values) & (arm == arms[number])
-            if own.any():
-                _ranges(axes, column, column.positions[own], values[own], number, len(arms))
-        scale(axes, column, "x", width)
-        name_axis(axes, column.label, "x", width)
-        if i % across == 0:
-            name_axis(axes, label, "y", height)
+    figure, grid = over_keys(columns, values, arm, arms, label, _ranges, 3.4 if len(columns) == 1 else 2.7)
     finite = values[np.isfinite(values)]
     if len(finite) and finite.min() > 0 and finite.max() > _TIMES * finite.min():
         grid[0].set_yscale("log")
-    if columns[0].key != "arm":
-        arm_legend(figure, arms)
     return figure
 
 

@@ -13,6 +13,7 @@ from scipy.stats import binomtest, rankdata, sobol_indices
 
 from forcectl.framework.expression import Expression
 from forcectl.framework.fields import key_of
+from forcectl.sweeps.agenda import wilson
 from forcectl.sweeps.axes import Axis
 from forcectl.sweeps.study import Study
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-CONFIDENCE = 0.95
 FEW_VALUES = 20  # of a key: each is a group of its own
 _FIXED = ("trial", "point", "arm", "seed", "state", "success", "findings", "reason", "time_s")
 _DECADES = 100.0  # largest by smallest value, from which an axis is logarithmic
@@ -32,19 +32,6 @@ _RESAMPLED = 200  # sensitivities, for their intervals
 _RESAMPLED_LARGE = 40  # of many trials
 _MANY = 50_000  # trials
 _WITHOUT = 3  # metrics that are shown where the sweep names none
-
-
-def wilson(successes: int, trials: int) -> tuple[float, float]:
-    """Wilson interval of a success rate; from 0 to 1 without trials.
-
-    Args:
-        successes: among the trials.
-        trials: how many.
-    """
-    if not trials:
-        return 0.0, 1.0
-    interval = binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
-    return float(interval.low), float(interval.high)
 
 
 @dataclass(frozen=True)
@@ -393,7 +380,6 @@ def _sobol(study: Study, values: Array) -> Sensitivity:
     generator = np.random.default_rng(0)
     resampled = _RESAMPLED if len(values) < _MANY else _RESAMPLED_LARGE
     again = np.array([indices(generator.integers(count, size=count)) for _ in range(resampled)])
-    tail = 50 * (1 - CONFIDENCE)
-    ranges = np.percentile(again, [tail, 100 - tail], axis=0)
+    ranges = np.percentile(again, [2.5, 97.5], axis=0)
     keys = [axis.key for axis in study.axes]
     return Sensitivity(keys, first, total, ranges[:, 0], ranges[:, 1], None, len(values))

@@ -49,7 +49,7 @@ def write_report(
         "report.html.j2",
         title=study.config.title or study.name,
         description=study.config.description,
-        states=content.states(study, table),
+        states=content.states(table),
         trials=len(table),
         resume="" if complete else content.resume_command(study, results),
         plan=content.plan(study, identity),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
+from numpy.typing import NDArray
 
 from forcectl.figures.force import COLOURS, frame
-from forcectl.sweeps.report.numbers import KeyColumn, short
+from forcectl.sweeps.report.numbers import Array, KeyColumn, short
 
 FEW_ARMS = 4  # whose bands can be told apart
 MOST_PANELS = 12
@@ -45,6 +46,45 @@ class Drawn:
     title: str
     caption: str
     figure: Figure
+
+
+Draw = Callable[[Axes, KeyColumn, Array, Array, int, int], None]
+
+
+def over_keys(
+    columns: Sequence[KeyColumn],
+    values: Array,
+    arm: NDArray[np.str_],
+    arms: Sequence[str],
+    label: str,
+    draw: Draw,
+    height: float = _HEIGHT,
+) -> tuple[Figure, list[Axes]]:
+    """A figure of numbers over each key.
+
+    Args:
+        columns: of the keys, one for each panel.
+        values: of the number, by row; not finite where there is none.
+        arm: by row.
+        arms: in the order of their colours.
+        label: of the number.
+        draw: draws an arm into a panel: axes, column, positions and values of the arm, its place, how many arms.
+        height: of a panel [in].
+    """
+    figure, grid = panels(len(columns), share_y=True, height=height)
+    width = panel_width(len(columns))
+    for i, (axes, column) in enumerate(zip(grid, columns, strict=True)):
+        for number, name in enumerate(arms):
+            own = np.isfinite(values) & (arm == name)
+            if own.any():
+                draw(axes, column, column.positions[own], values[own], number, len(arms))
+        scale(axes, column, "x", width)
+        name_axis(axes, column.label, "x", width)
+        if i % PER_ROW == 0:
+            name_axis(axes, label, "y", height)
+    if columns[0].key != "arm":
+        arm_legend(figure, arms)
+    return figure, grid
 
 
 def panels(
@@ -166,20 +206,14 @@ def beside(number: int, count: int) -> float:
     return (number - (count - 1) / 2) * min(0.12, 0.6 / count)
 
 
-def arm_legend(figure: Figure, arms: Sequence[str], further: Sequence[Artist] = ()) -> None:
-    """A legend of the arms below a figure; of a sweep without arms only what else there is.
-
-    Args:
-        figure: to have it.
-        arms: names, in the order of `styles`.
-        further: entries.
-    """
+def arm_legend(figure: Figure, arms: Sequence[str]) -> None:
+    """A legend of the arms below a figure, in the order of `styles`; none of a sweep without arms."""
     entries = [
         Line2D([], [], color=colour, ls=dashes, lw=1.8, label=arm)
         for arm, (colour, dashes) in zip(arms, styles(len(arms)), strict=True)
         if arm
     ]
-    below(figure, [*entries, *further])
+    below(figure, entries)
 
 
 def below(figure: Figure, entries: Sequence[Artist]) -> None:

@@ -14,7 +14,8 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from forcectl.figures.force import COLOURS
-from forcectl.sweeps.report.numbers import Array, KeyColumn, Rate, groups, wilson
+from forcectl.sweeps.agenda import wilson
+from forcectl.sweeps.report.numbers import Array, KeyColumn, Rate, groups
 from forcectl.sweeps.report.panels import (
     FEW_ARMS,
     GREY,
@@ -26,6 +27,7 @@ from forcectl.sweeps.report.panels import (
     beside,
     heading,
     name_axis,
+    over_keys,
     panel_width,
     panels,
     scale,
@@ -229,29 +231,22 @@ def by_key_figure(
         arms: in the order of their colours.
         label: what is counted.
     """
-    figure, grid = panels(len(columns), share_y=True)
-    width = panel_width(len(columns))
-    for i, (axes, column) in enumerate(zip(grid, columns, strict=True)):
-        for number, (name, (colour, dashes)) in enumerate(zip(arms, styles(len(arms)), strict=True)):
-            own = np.isfinite(good) & (arm == name)
-            if not own.any():
-                continue
-            values = good[own]
-            found = [(middle, values[member]) for middle, member in groups(column.positions[own])]
-            middles = np.array([middle for middle, _ in found])
-            share = np.array([100 * one.mean() for _, one in found])
-            low, high = 100 * np.array([wilson(int(one.sum()), len(one)) for _, one in found]).T
-            if column.scale == "category":
-                middles = middles + beside(number, len(arms))
-                axes.errorbar(middles, share, [share - low, high - share], color=colour, fmt="o", ms=4, lw=1.2)
-                continue
-            axes.plot(middles, share, color=colour, ls=dashes, lw=1.6, marker="o", ms=3)
-            if len(arms) <= FEW_ARMS:
-                axes.fill_between(middles, low, high, color=colour, alpha=0.14, lw=0)
-        scale(axes, column, "x", width)
-        axes.set_ylim(-4, 104)
-        name_axis(axes, column.label, "x", width)
-        if i % PER_ROW == 0:
-            axes.set_ylabel(f"{label} [%]", fontsize=9)
-    arm_legend(figure, arms)
+    figure, grid = over_keys(columns, good, arm, arms, f"{label} [%]", _shares)
+    grid[0].set_ylim(-4, 104)
     return figure
+
+
+def _shares(axes: Axes, column: KeyColumn, positions: Array, good: Array, number: int, count: int) -> None:
+    """Draw an arm in a panel."""
+    colour, dashes = styles(count)[number]
+    found = [(middle, good[member]) for middle, member in groups(positions)]
+    middles = np.array([middle for middle, _ in found])
+    share = np.array([100 * one.mean() for _, one in found])
+    low, high = 100 * np.array([wilson(int(one.sum()), len(one)) for _, one in found]).T
+    if column.scale == "category":
+        middles = middles + beside(number, count)
+        axes.errorbar(middles, share, [share - low, high - share], color=colour, fmt="o", ms=4, lw=1.2)
+        return
+    axes.plot(middles, share, color=colour, ls=dashes, lw=1.6, marker="o", ms=3)
+    if count <= FEW_ARMS:
+        axes.fill_between(middles, low, high, color=colour, alpha=0.14, lw=0)
