@@ -46,7 +46,7 @@ class AlignmentAnalysis(Config):
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """Angle and speed of the peg, and torque, of every variant."""
-        from forcectl.figures.alignment import alignment_figure
+        from forcectl.figures.of_variants import alignment_figure
 
         runs = variants_of(log).items()
         curves = {name: (run["time"].values, *_angle_and_torque(run)) for name, run in runs}

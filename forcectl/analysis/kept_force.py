@@ -97,7 +97,7 @@ class KeptForceAnalysis(Config):
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """True force, torque and angle of every variant, from the beginning of the mode on."""
-        from forcectl.figures.kept_force import kept_force_figure
+        from forcectl.figures.of_variants import kept_force_figure
 
         runs = {}
         for name, run in variants_of(log).items():

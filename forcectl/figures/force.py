@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 
-from forcectl.figures.targets import ForceTarget, draw_bands, draw_targets
+from forcectl.figures.targets import GREY, ForceTarget, draw_bands, draw_targets
 
 # Okabe and Ito: told apart with any colour vision, and in print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -23,7 +23,6 @@ _DASHES: tuple[Any, ...] = ("-", (0, (1, 1.2)), (0, (7, 1.5, 1, 1.5)))
 _OVER, _CLOSE = (0, (4, 4)), 0.02  # dashes of a curve over one that is nearer than this share of its range
 Found = Mapping[str, Sequence[Any]]  # findings of every variant, see `forcectl.analysis.findings`
 NOTHING: Found = {}
-_REFERENCE = "#707070"
 _ONLY_VARIANT = "default"  # name of the variant of a scenario without variants
 _MOST_LABELLED = 12
 _MOST_INSIDE = 6  # more entries of a legend than that would hide curves
@@ -52,7 +51,7 @@ def force_figure(log: Any, title: str = "", findings: Found = NOTHING, targets: 
     variants, drawn = list(_drawn(log)), list[Any]()
     desired = {one["desired_force"].values.tobytes(): one["desired_force"] for *_, one in variants}
     for i, values in enumerate(desired.values()):
-        axes.plot(values["time"], values, color=_REFERENCE, lw=1.0, label="reference" if i == 0 else None, zorder=1)
+        axes.plot(values["time"], values, color=GREY, lw=1.0, label="reference" if i == 0 else None, zorder=1)
     draw_bands(axes, ((one["time"].values, one.values) for one in desired.values()))
     for colour, dashes, name, one in variants:
         label, look = _label(name) or "measured force", _seen_through(dashes, one["measured_force"], drawn)
@@ -60,7 +59,7 @@ def force_figure(log: Any, title: str = "", findings: Found = NOTHING, targets: 
         if _has_model(log):
             axes.plot(one["time"], one["model_force"], color=colour, lw=1.2, ls=(0, (5, 3)), alpha=0.9, zorder=2)
     if _has_model(log):
-        axes.plot([], [], color=_REFERENCE, lw=1.2, ls=(0, (5, 3)), label="reference model")
+        axes.plot([], [], color=GREY, lw=1.2, ls=(0, (5, 3)), label="reference model")
     colours = {name: colour for colour, _, name, _ in variants}
     axes.set_xlim(float(log["time"][0]), float(log["time"][-1]))
     draw_targets(axes, colours, targets)
@@ -112,7 +111,7 @@ def mark_findings(axes: Axes, colours: Mapping[str, str], findings: Found) -> No
 def error_figure(log: Any, title: str = "") -> Figure:
     """Measured force minus reference model of every variant over time."""
     figure, axes = _new(title, "force minus reference model [N]")
-    axes.axhline(0.0, color=_REFERENCE, lw=1.0, zorder=1)
+    axes.axhline(0.0, color=GREY, lw=1.0, zorder=1)
     drawn: list[Any] = []
     for colour, dashes, name, one in _drawn(log):
         error = one["measured_force"] - one["model_force"]
@@ -163,7 +162,7 @@ def write_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write one figure as `<stem>.svg` and `<stem>.png`, without dates or random identifiers in the file."""
     written = [stem.with_name(stem.name + suffix) for suffix in (".svg", ".png")]
-    _write_svg(figure, written[0])
+    write_svg(figure, written[0])
     figure.savefig(written[1], dpi=150)
     return written
 
@@ -171,12 +170,13 @@ def save(figure: Figure, stem: Path) -> list[Path]:
 def as_svg(figure: Figure) -> str:
     """A figure as an SVG element, for a page."""
     page = io.StringIO()
-    _write_svg(figure, page)
+    write_svg(figure, page)
     text = page.getvalue()
     return text[text.index("<svg") :]
 
 
-def _write_svg(figure: Figure, where: Path | io.StringIO) -> None:
+def write_svg(figure: Figure, where: Path | IO[Any]) -> None:
+    """Write a figure as SVG, without dates or random identifiers."""
     FigureCanvasAgg(figure)
     with mpl.rc_context({"svg.hashsalt": "forcectl", "svg.fonttype": "path"}):
         figure.savefig(where, format="svg", metadata={"Date": None})
@@ -273,13 +273,23 @@ def _has_model(log: Any) -> bool:
     return "model_force" in log and bool((abs(log["model_force"]) > 0.0).any())
 
 
+def colour_of(index: int) -> str:
+    """The colour of a curve of several, counted from 0."""
+    return COLOURS[index % len(COLOURS)]
+
+
+def look_of(index: int) -> tuple[str, Any]:
+    """Colour and dashes of a curve of several, no two alike as far as possible: used up, colours begin again."""
+    return colour_of(index), _DASHES[index // len(COLOURS) % len(_DASHES)]
+
+
 def _label(variant: str) -> str | None:
     """Name of a variant in a legend; none for the only one of a scenario without variants."""
     return None if variant == _ONLY_VARIANT else variant
 
 
 def _drawn(log: Any) -> Iterator[tuple[str, Any, str, Any]]:
-    """Colour, dashes, name and log of every variant, no two alike: used up, the colours begin again in dots.
+    """Colour, dashes, name and log of every variant, see `look_of`.
 
     Without the times that only others have: a curve has a gap at each of them.
     """
@@ -288,4 +298,4 @@ def _drawn(log: Any) -> Iterator[tuple[str, Any, str, Any]]:
     else:
         variants = [(str(log["variant"].item()) if "variant" in log.coords else _ONLY_VARIANT, log)]
     for i, (name, one) in enumerate(variants):
-        yield COLOURS[i % len(COLOURS)], _DASHES[i // len(COLOURS) % len(_DASHES)], name, one
+        yield *look_of(i), name, one

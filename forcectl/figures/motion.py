@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from forcectl.figures.file_names import file_names
-from forcectl.figures.force import COLOURS, NOTHING, Found, legend_above, mark_findings, stacked
+from forcectl.figures.force import NOTHING, Found, colour_of, legend_above, mark_findings, stacked
 
 _LOCAL = "estimated_local_wrench"
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2))}
@@ -62,7 +62,7 @@ def speed_figure(log: Any, title: str = "") -> Figure:
     figure, rows = stacked(len(arms), 8.0, 0.9 + 2.6 * len(arms), title)
     for i, (arm, axes) in enumerate(zip(arms, rows, strict=True)):
         for k, joint in enumerate(joints[i * each : (i + 1) * each]):
-            axes.plot(log["time"], log["link_velocity"].sel(joint=joint), color=_colour(k), lw=1.2, label=joint)
+            axes.plot(log["time"], log["link_velocity"].sel(joint=joint), color=colour_of(k), lw=1.2, label=joint)
         axes.set_ylabel(f"{arm}: joint speed [rad/s]")
         legend_above(axes, 7, 7.0)
     return figure
@@ -84,7 +84,7 @@ def force_figure(log: Any, title: str = "") -> Figure:
                 if estimated == _LOCAL:
                     shown = {"size": np.linalg.norm(force, axis=1)}
                 for k, (part, values) in enumerate(shown.items()):
-                    axes.plot(log["time"], values, color=_colour(k), label=f"{part}, {word}", **look)
+                    axes.plot(log["time"], values, color=colour_of(k), label=f"{part}, {word}", **look)
         axes.set_ylabel(f"{arm}: force [N]")
         legend_above(axes, 6)
     return figure
@@ -93,7 +93,3 @@ def force_figure(log: Any, title: str = "") -> Figure:
 def _estimated(log: Any) -> str:
     """Name of the estimated wrenches of a log; empty without any."""
     return next((name for name in ("estimated_wrench", _LOCAL) if name in log and log[name].notnull().any()), "")
-
-
-def _colour(index: int) -> str:
-    return COLOURS[index % len(COLOURS)]

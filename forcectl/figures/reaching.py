@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS, legend_above, stacked
+from forcectl.figures.force import COLOURS, colour_of, legend_above, stacked
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def null_space_figure(
     """Joint speeds, room to the joint limits (`JointLimits`), least distance and reflected mass of every variant."""
     figure, rows = stacked(4, 7.5, 0.8 + 1.9 * 4, title)
     for k, (name, log) in enumerate(runs.items()):
-        time, colour = log["time"].values, COLOURS[k % len(COLOURS)]
+        time, colour = log["time"].values, colour_of(k)
         q, v = (log[f"joint_{kind}_command"].values for kind in ("position", "velocity"))
         room = np.degrees(np.minimum(limits.position_upper - q, q - limits.position_lower).min(axis=1))
         distance, mass = found[name]

@@ -16,7 +16,7 @@ _SHADES = ("#ececec", "#d9d9d9")
 _HELD = 0.2  # [s] that a reference is held at least, to have a band
 _MOST_REFERENCES = 3  # different ones that have bands
 _MOST_TARGETS = 12
-_GREY = "#707070"
+GREY = "#707070"
 _ARROW = 0.05  # length, of the height of the axes, where one side is open
 
 
@@ -87,6 +87,6 @@ def draw_targets(axes: Axes, colours: Mapping[str, str], targets: Sequence[Force
             axes.errorbar(time, one.low, yerr=stub, lolims=True, fmt="none", ecolor=colour, **look)
         if one.published is not None:
             axes.plot(time, one.published, marker="D", ms=5, mfc="white", mec=colour, mew=1.4, ls="", zorder=4.5)
-    axes.plot([], [], color=_GREY, marker="|", ms=9, mew=1.6, ls="", label="target: allowed force")
+    axes.plot([], [], color=GREY, marker="|", ms=9, mew=1.6, ls="", label="target: allowed force")
     if any(one.published is not None for one in shown):
-        axes.plot([], [], color=_GREY, marker="D", ms=5, mfc="white", mew=1.4, ls="", label="published force")
+        axes.plot([], [], color=GREY, marker="D", ms=5, mfc="white", mew=1.4, ls="", label="published force")

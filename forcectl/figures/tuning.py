@@ -7,10 +7,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from forcectl.figures.force import COLOURS, stacked
+from forcectl.figures.targets import GREY
 
 Array = NDArray[np.float64]
 
-_GREY = "#707070"
 _NOTHING = 1e-3  # of the largest force, a difference that nobody sees
 
 
@@ -44,10 +44,10 @@ def prediction_figure(time: Array, predicted: Array, model: Array, title: str = 
     figure, (above, below) = stacked(2, 8.0, 5.0, ratios=(3, 1))
     above.set_title(title, loc="left", fontsize=11, parse_math=False)
     above.plot(time, predicted, color=COLOURS[0], lw=1.8, label="tuned loop, predicted")
-    above.plot(time, model, color=_GREY, lw=1.4, ls=(0, (5, 3)), label="reference model")
+    above.plot(time, model, color=GREY, lw=1.4, ls=(0, (5, 3)), label="reference model")
     above.set_ylabel("force [N]")
     above.legend(frameon=False, fontsize=9, loc="lower right")
-    below.axhline(0.0, color=_GREY, lw=1.0)
+    below.axhline(0.0, color=GREY, lw=1.0)
     below.plot(time, predicted - model, color=COLOURS[0], lw=1.5)
     below.set_ylabel("difference [N]")
     below.set_xlim(float(time[0]), float(time[-1]))

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS, frame, plain_names
+from forcectl.figures.force import COLOURS, colour_of, frame, plain_names
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,7 @@ def error_figure(errors: Mapping[str, Mapping[str, Array]], title: str = "") -> 
     for axes, quantity in zip(panels, quantities, strict=True):
         for k, (name, found) in enumerate(errors.items()):
             dashes = "-" if k < len(COLOURS) else ":"
-            colour = COLOURS[k % len(COLOURS)]
-            axes.plot(np.percentile(found[quantity], shares), shares, dashes, color=colour, lw=1.4, label=name)
+            axes.plot(np.percentile(found[quantity], shares), shares, dashes, color=colour_of(k), lw=1.4, label=name)
         axes.axhline(95.0, color="0.6", lw=0.8)
         axes.set_xscale("log")
         axes.set_xlabel(quantity)

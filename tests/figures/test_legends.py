@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from forcectl.analysis.transitions import Stay
-from forcectl.figures.alignment import alignment_figure
 from forcectl.figures.force import as_svg
-from forcectl.figures.kept_force import kept_force_figure
-from forcectl.figures.surface_alignment import surface_alignment_figure
+from forcectl.figures.of_variants import alignment_figure, kept_force_figure, surface_alignment_figure
 from forcectl.figures.transitions import transition_figure
 from forcectl.figures.wrench_errors import error_figure
 

@@ -52,7 +52,7 @@ class SurfaceAlignmentAnalysis(Config):
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """Force, torque and tilt of every variant."""
-        from forcectl.figures.surface_alignment import surface_alignment_figure
+        from forcectl.figures.of_variants import surface_alignment_figure
 
         runs = {}
         for name, run in variants_of(log).items():

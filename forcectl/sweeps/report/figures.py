@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from forcectl.analysis.tables.metric_tables import metric_unit
 from forcectl.conventions import unit_of
-from forcectl.figures.force import COLOURS
+from forcectl.figures.force import COLOURS, write_svg
 from forcectl.sweeps.report.envelope import Envelope, envelope_figure, read_envelope
 from forcectl.sweeps.report.numbers import (
     Array,
@@ -314,9 +313,8 @@ def rendered(figure: Figure) -> tuple[bytes, bytes]:
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # which keeps the places: they are found once, not for each format
     vector, pixels = io.BytesIO(), io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "forcectl", "svg.fonttype": "path"}):
-        figure.savefig(vector, format="svg", metadata={"Date": None})
-        figure.savefig(pixels, format="png", dpi=150)
+    write_svg(figure, vector)
+    figure.savefig(pixels, format="png", dpi=150)
     return vector.getvalue(), pixels.getvalue()
 
 

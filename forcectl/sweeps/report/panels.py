@@ -16,16 +16,15 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS, frame
+from forcectl.figures.force import frame, look_of
+from forcectl.figures.targets import GREY as GREY
 from forcectl.sweeps.report.numbers import Array, KeyColumn, short
 
 FEW_ARMS = 4  # whose bands can be told apart
 MOST_PANELS = 12
-GREY = "#707070"
 PER_ROW = 3
 WIDTH = 9.0  # [in]
 _HEIGHT = 2.7  # [in] of a panel
-_DASHES = ("-", (0, (1, 1.2)), (0, (7, 1.5, 1, 1.5)))
 _MOST_LABELS = 9  # values of an axis that are all written at it
 _LONG = 5  # letters of such a value
 _LETTER = 0.073  # [in] wide, at a size of 9
@@ -197,8 +196,8 @@ def scale(axes: Axes, column: KeyColumn, which: Literal["x", "y"], size: float) 
 
 
 def styles(count: int) -> list[tuple[str, object]]:
-    """Colour and dashes of arms, no two alike as far as possible."""
-    return [(COLOURS[i % len(COLOURS)], _DASHES[i // len(COLOURS) % len(_DASHES)]) for i in range(count)]
+    """Colour and dashes of arms, see `look_of`."""
+    return [look_of(i) for i in range(count)]
 
 
 def beside(number: int, count: int) -> float:
