@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -207,73 +206,68 @@ def tune_vrft(
     _basis(form, 1.0)
     if robot_compliance is not None and not 0.0 <= robot_compliance <= _SOFTEST:
         raise invalid("robot_compliance", robot_compliance, f"from 0 to {_SOFTEST:g} m/N")
+    if learn_from not in INPUTS:
+        raise invalid("learn_from", learn_from, f"one of {', '.join(INPUTS)}")
     read = partial(
         read_record, input_column=input_column, output_column=output_column, variant=variant, flip_input=flip_input
     )
     with contextlib.nullcontext() if out is None else claimed(out, force) as claim:
-        tuned = _tuned(data, config, form, prefilter, refine, second, read, compensated, learn_from, robot_compliance)
+        record = read(data)
+        if robot_compliance is not None and record.motor is None:
+            text = "has no motor positions, for which --robot-compliance is: leave it out"
+            raise BadInputError(f"{record.origin} {text}")
+        check_rate(record, config)
+        model, basis = config.model(record.period), _basis(form, record.period)
+        check_against_model(record, model)
+        instrument = None if second is None else _instrument(record, read(second))
+        if compensated is None:
+            compensated = record.input_name.split(" ")[0].lower() != "displacement_command"
+        on_motor = _on_motor(record, compensated, robot_compliance)
+        if learn_from == "motor":
+            _check_motor(record, on_motor, instrument)
+
+        def fitted(one: Recorded, refine: bool, instrument: np.ndarray | None = None) -> VrftFit:
+            return fit_vrft(one.u, one.y, model, basis, prefilter=prefilter, instrument=instrument, refine=refine)
+
+        if on_motor is None or learn_from == "command":
+            fit = fitted(record, refine, instrument)
+            other = None if on_motor is None else fitted(on_motor, False)
+        else:
+            fit, other = fitted(on_motor, refine), fitted(record, False)
+        check_contact(record, fit)
+        tuned = Tuned(config, record, fit, compensated, None, learn_from, other)
+        check_stiffness(record, tuned.stiffness)
+        check_signs(record, fit)
         if claim is None:
             return tuned
         return replace(tuned, directory=claim.write(lambda folder: _write(tuned, folder)))
 
 
-def _tuned(
-    data: str | Path,
-    config: ReferenceModelConfig,
-    form: str,
-    prefilter: bool,
-    refine: bool,
-    second: str | Path | None,
-    read: Callable[[str | Path], Recorded],
-    compensated: bool | None,
-    learn_from: str,
-    robot_compliance: float | None,
-) -> Tuned:
-    """What `tune_vrft` makes, written nowhere yet; `read` reads a record."""
-    record = read(data)
-    if robot_compliance is not None and record.motor is None:
-        raise BadInputError(f"{record.origin} has no motor positions, for which --robot-compliance is: leave it out")
-    check_rate(record, config)
-    model = config.model(record.period)
-    check_against_model(record, model)
-    instrument = None
-    if second is not None:
-        again = read(second)
-        if again.u.size != record.u.size or not math.isclose(again.period, record.period, rel_tol=1e-3):
-            raise BadInputError(
-                f"{again.origin} has {again.u.size} samples at {again.period:g} s: must have {record.u.size} at "
-                f"{record.period:g} s, as {record.origin}"
-            )
-        check_repeated(record, again)
-        instrument = again.y
-    basis = _basis(form, record.period)
-    if learn_from not in INPUTS:
-        raise invalid("learn_from", learn_from, f"one of {', '.join(INPUTS)}")
-    if compensated is None:
-        compensated = record.input_name.split(" ")[0].lower() != "displacement_command"
-    on_motor = _on_motor(record, compensated, robot_compliance)
-    if learn_from == "motor" and on_motor is None:
+def _instrument(record: Recorded, again: Recorded) -> np.ndarray:
+    """The force of a second, equal experiment.
+
+    Raises:
+        BadInputError: it is not that of an equal one.
+    """
+    if again.u.size != record.u.size or not math.isclose(again.period, record.period, rel_tol=1e-3):
+        raise BadInputError(
+            f"{again.origin} has {again.u.size} samples at {again.period:g} s: must have {record.u.size} at "
+            f"{record.period:g} s, as {record.origin}"
+        )
+    check_repeated(record, again)
+    return again.y
+
+
+def _check_motor(record: Recorded, on_motor: Recorded | None, instrument: np.ndarray | None) -> None:
+    """Refuse VRFT on motor positions that are not known, or with an instrument."""
+    if on_motor is None:
         what = "no column of the motors' displacement" if record.motor is None else "not both of u_hat and dx_bar"
         raise BadInputError(
             f"{record.origin} has {what}: must have a column {' or '.join(NAMES['displacement of the motors'][:2])}, "
             "and displacement_command beside controller_output (or --robot-compliance)"
         )
-    if learn_from == "motor" and instrument is not None:
+    if instrument is not None:
         raise BadInputError("--second is for VRFT on commands: leave it out with --learn-from motor")
-
-    def fitted(one: Recorded, refine: bool, instrument: np.ndarray | None = None) -> VrftFit:
-        return fit_vrft(one.u, one.y, model, basis, prefilter=prefilter, instrument=instrument, refine=refine)
-
-    if on_motor is None or learn_from == "command":
-        fit = fitted(record, refine, instrument)
-        other = None if on_motor is None else fitted(on_motor, False)
-    else:
-        fit, other = fitted(on_motor, refine), fitted(record, False)
-    check_contact(record, fit)
-    tuned = Tuned(config, record, fit, compensated, None, learn_from, other)
-    check_stiffness(record, tuned.stiffness)
-    check_signs(record, fit)
-    return tuned
 
 
 def _on_motor(record: Recorded, compensated: bool, robot_compliance: float | None) -> Recorded | None:

@@ -47,28 +47,20 @@ class DriveFilter(Config):
         return np.asarray(lfilter(np.concatenate([np.zeros(1 + ticks), above]), below, np.asarray(values, dtype=float)))
 
 
-def motor_record(
-    motor: ArrayLike,
-    y: ArrayLike,
-    *,
-    robot_compliance: float,
-    period: float,
-    drive: DriveFilter | None = None,
-) -> tuple[Array, Array]:
-    """The input and the output that VRFT is given.
+def motor_record(motor: ArrayLike, y: ArrayLike, *, robot_compliance: float, period: float) -> tuple[Array, Array]:
+    """The input and the output that VRFT is given; h is the nominal filter.
 
     Args:
         motor: x_m, shape (k,) [m], from its value at rest.
         y: force (k,) [N], from its value at rest.
         robot_compliance: C_R_hat of (4.12) [m/N], 0 where it was not fed back.
         period: Ts [s].
-        drive: h.
 
     Raises:
         BadInputError: not as many samples of both.
     """
     check("robot_compliance", robot_compliance, "not negative")
-    motor, filtered = np.asarray(motor, dtype=float), (drive or DriveFilter()).response(y, period)
+    motor, filtered = np.asarray(motor, dtype=float), DriveFilter().response(y, period)
     if motor.shape != filtered.shape:
         raise BadInputError(f"motor has {motor.size} samples and y has {filtered.size}: must be as many")
     return motor + robot_compliance * filtered, filtered
