@@ -108,7 +108,7 @@ def reproduce(
 
 def _print(report: Reproduction, verbose: bool) -> None:
     """A line for each experiment, or with `verbose` a table, and a summary of all."""
-    from forcectl.runs.terminal.tables import reproduction_lines, verdict_table
+    from forcectl.runs.terminal.tables import counts, reproduction_lines, verdict_table
 
     console = terminal()
     headed = [(f"{part.experiment}: {part.title} [{part.fidelity}]", part.verdicts) for part in report.parts]
@@ -119,14 +119,12 @@ def _print(report: Reproduction, verbose: bool) -> None:
         console.print(reproduction_lines(headed))
         console.print()
     every = [v for part in report.parts for v in part.verdicts]
-    missed = sum(v.passed is False for v in every)
-    known = sum(v.passed is False and bool(v.gap) for v in every)
-    judged = sum(v.passed is not None for v in every)
     for note in report.notes:
         typer.echo(note)
-    stale = sum(v.stale for v in every)
-    gaps = (f", known gaps: {known}" if known else "") + (f", known gaps out of date: {stale}" if stale else "")
+    found, stale = counts(every), sum(v.stale for v in every)
+    gaps = f", known gaps: {found.gaps}" if found.gaps else ""
+    gaps += f", known gaps out of date: {stale}" if stale else ""
     typer.echo(
-        f"{judged - missed} of {judged} targets met{gaps}, drifted: {sum(v.drifted is True for v in every)}; results "
-        f"in {report.directory}: report.html, summary.json and one run per folder"
+        f"{found.met} of {found.judged} targets met{gaps}, drifted: {found.drifted}; results in {report.directory}: "
+        "report.html, summary.json and one run per folder"
     )

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
-from forcectl.analysis.findings.finding import SEVERITIES, RunFinding, findings_lines, parse_severity
+from forcectl.analysis.findings.finding import SEVERITIES, findings_lines, parse_severity
 from forcectl.cli.options import (
     AllowImports,
     AsJson,
@@ -29,8 +28,8 @@ from forcectl.interrupts import say_when_interrupted
 from forcectl.runs.terminal.realtime import check_realtime_rate
 
 if TYPE_CHECKING:
-    from forcectl.runs.terminal.tables import Metrics
-    from forcectl.scenario.expectations import Verdict
+    from forcectl.runs.result import RunResult
+    from forcectl.runs.stored import StoredRun
 
 
 def _checked(severity: str | None) -> str | None:
@@ -135,11 +134,11 @@ def run(
     directory = Path(result.directory or ".")
     say_when_interrupted(f"interrupted: the results are in {directory}")
     if as_json:
-        _echo_run(file.name, directory, "done", result.metrics, result.verdicts, result.findings)
+        _echo_run(result, directory, "done")
     elif not quiet:
         title = f"{file.name}: {file.tree.get('title', '')}"
         remark = "Expectations are about the scenario as written; with --set none fails the run." if settings else ""
-        _print_run(title, result.metrics, result.verdicts, result.findings, all_, remark)
+        _print_run(result, title, all_, remark)
         for line in found_lines(result.gains):
             typer.echo(line)
         say_assumed(result.assumed)
@@ -179,10 +178,9 @@ def show(
         return
     stored = read_run(directory)
     if as_json:
-        _echo_run(stored.name, directory, stored.state, stored.metrics, stored.verdicts, stored.findings)
+        _echo_run(stored, directory, stored.state)
     else:
-        title = f"{stored.name}: {stored.manifest.get('title', '')}"
-        _print_run(title, stored.metrics, stored.verdicts, stored.findings, all_)
+        _print_run(stored, f"{stored.name}: {stored.manifest.get('title', '')}", all_)
         for line in stored.code:
             typer.echo(line)
         typer.echo(f"{stored.state}; seed {stored.manifest['seed']}, {stored.manifest['fidelity']}, in {directory}")
@@ -192,31 +190,18 @@ def show(
             typer.echo(f"drawn: {drawn}")
 
 
-def _echo_run(
-    name: str,
-    directory: Path,
-    state: str,
-    metrics: Metrics,
-    verdicts: Sequence[Verdict],
-    findings: Mapping[str, Sequence[RunFinding]],
-) -> None:
-    content: dict[str, Any] = {"scenario": name, "directory": str(directory), "state": state, "metrics": metrics}
-    content["findings"] = {name: [one.as_row() for one in found] for name, found in findings.items()}
-    echo_json(content | {"expectations": {v.target: v.as_row() for v in verdicts}})
+def _echo_run(run: RunResult | StoredRun, directory: Path, state: str) -> None:
+    content: dict[str, Any] = {"scenario": run.name, "directory": str(directory), "state": state}
+    content["metrics"] = run.metrics
+    content["findings"] = {name: [one.as_row() for one in found] for name, found in run.findings.items()}
+    echo_json(content | {"expectations": {v.target: v.as_row() for v in run.verdicts}})
 
 
-def _print_run(
-    title: str,
-    metrics: Metrics,
-    verdicts: Sequence[Verdict],
-    findings: Mapping[str, Sequence[RunFinding]],
-    all_: bool,
-    remark: str = "",
-) -> None:
+def _print_run(run: RunResult | StoredRun, title: str, all_: bool, remark: str = "") -> None:
     """Tables of metrics and expectations, a remark on the latter, and the findings."""
     from forcectl.runs.terminal.tables import metrics_table, short_list, verdict_table
 
-    console = terminal()
+    console, metrics, verdicts = terminal(), run.metrics, run.verdicts
     names = None if all_ else short_list(metrics, verdicts)
     if metrics:
         console.print(metrics_table(metrics, title, names, console.width))
@@ -229,4 +214,4 @@ def _print_run(
         if remark:
             console.print(f"[dim]{remark}[/]")
     typer.echo()
-    typer.echo("\n".join(findings_lines(findings)))
+    typer.echo("\n".join(findings_lines(run.findings)))

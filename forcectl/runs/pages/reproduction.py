@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ from rich.text import Text
 from forcectl.runs.claims.lock import writing
 from forcectl.runs.directory import FAILED, REPORT, write_file
 from forcectl.runs.pages.layout import rendered
-from forcectl.runs.terminal.tables import drift, number, published, said, verdict
+from forcectl.runs.terminal.tables import counts, drift, number, published, said, verdict
 from forcectl.scenario.expectations import Verdict
 
 if TYPE_CHECKING:
@@ -56,24 +55,15 @@ def write_page(directory: Path, result: Reproduction) -> Path:
 
 def _page(directory: Path, result: Reproduction) -> str:
     every = [v for part in result.parts for v in part.verdicts]
-    judged, met, gaps, missed, drifted = _counts(every)
-    counts = [("judged", judged), ("targets met", met), ("known gaps", gaps), ("missed", missed), ("drifted", drifted)]
+    names = ("judged", "targets met", "known gaps", "missed", "drifted")
     left = [_MOST]
     return rendered(
         "forcectl.runs.pages",
         "reproduction.html.j2",
-        counts=counts,
+        counts=list(zip(names, counts(every), strict=True)),
         notes=result.notes,
         parts=[_section(directory, part, left) for part in result.parts],
     )
-
-
-def _counts(verdicts: Sequence[Verdict]) -> tuple[int, int, int, int, int]:
-    """How many are judged, met, missed as is known, missed otherwise, and have drifted."""
-    judged = [v for v in verdicts if v.passed is not None]
-    missed = [v for v in judged if not v.passed]
-    known = sum(bool(v.gap) for v in missed)
-    return len(judged), len(judged) - len(missed), known, len(missed) - known, sum(bool(v.drifted) for v in verdicts)
 
 
 def _section(directory: Path, part: PartReport, left: list[int]) -> dict[str, object]:
@@ -85,7 +75,7 @@ def _section(directory: Path, part: PartReport, left: list[int]) -> dict[str, ob
         "experiment": part.experiment,
         "title": part.title or part.experiment,
         "fidelity": part.fidelity,
-        "counts": _counts(part.verdicts),
+        "counts": counts(part.verdicts),
         "rows": [_row(v) for v in part.verdicts],
         "figures": [_figure(directory, path, left) for path in sorted((folder / "figures").glob("*.png"))],
         "files": [(name, _address(directory, folder / name)) for name in _FILES if (folder / name).is_file()],

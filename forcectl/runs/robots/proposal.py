@@ -226,14 +226,13 @@ class Explorer:
         self._move(q)
         return {name: arm.tcp_frame.CalcPoseInWorld(self._context) for name, arm in self.parts.arms.items()}
 
-    def explore(self, length: float, seed: int = 0) -> Found:
-        """Move to random postures.
+    def explore(self, length: float) -> Found:
+        """Move to random postures, the same each time.
 
         Args:
             length: that translations are divided by [m].
-            seed: of the postures.
         """
-        generator, (low, high) = np.random.default_rng(seed), self.limits()
+        generator, (low, high) = np.random.default_rng(0), self.limits()
         postures = generator.uniform(low, high, size=(_SAMPLES, len(low)))
         reach, (gravity, inertia, leverage) = 0.0, np.zeros((3, len(low)))
         scores = np.empty((_SAMPLES, len(self.parts.arms)))

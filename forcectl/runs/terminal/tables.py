@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.markup import escape
@@ -108,6 +109,24 @@ def _unreached(metrics: Metrics) -> list[str]:
     return lines
 
 
+class Counts(NamedTuple):
+    """How many of some targets are judged, met, missed as is known, missed otherwise, and have drifted."""
+
+    judged: int
+    met: int
+    gaps: int
+    missed: int
+    drifted: int
+
+
+def counts(verdicts: Iterable[Verdict]) -> Counts:
+    """The counts of some verdicts."""
+    every = list(verdicts)
+    judged, met = (sum(v.passed in which for v in every) for which in ((True, False), (True,)))
+    missed = sum(v.surprising for v in every)
+    return Counts(judged, met, judged - met - missed, missed, sum(bool(v.drifted) for v in every))
+
+
 def verdict_table(verdicts: Sequence[Verdict], title: str = "", width: int = 80) -> Table:
     """Targets with verdict, our number and what is allowed and published: as columns, or in a narrow terminal as text.
 
@@ -163,10 +182,9 @@ def reproduction_lines(parts: Iterable[tuple[str, Sequence[Verdict]]]) -> Table:
     """
     lines = new_table("", "targets met", "experiment")
     for heading, verdicts in parts:
-        judged = [v for v in verdicts if v.passed is not None]
-        met = sum(v.passed is True for v in judged)
-        colour = "green" if met == len(judged) else "bold red" if any(v.surprising for v in judged) else "yellow"
-        lines.add_row(f"[{colour}]{met} of {len(judged)}[/]", escape(heading))
+        found = counts(verdicts)
+        colour = "bold red" if found.missed else "yellow" if found.gaps else "green"
+        lines.add_row(f"[{colour}]{found.met} of {found.judged}[/]", escape(heading))
         for v in verdicts:
             if v.passed is False or v.gap or v.drifted:
                 lines.add_row(f"  {verdict(v)}", Text(in_words(v)))
