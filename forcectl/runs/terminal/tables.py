@@ -104,7 +104,9 @@ def _unreached(metrics: Metrics) -> list[str]:
             name.removesuffix(".reached") for name, value in values.items() if name.endswith(".reached") and not value
         }
         if missed:
-            said = [f"{arm} ({'stalled' if values[f'{arm}.stalled'] else 'still moving'})" for arm in sorted(missed)]
+            how = {arm: values[key] for arm in missed if (key := f"{arm}.stalled") in values}
+            words = {arm: " (stalled)" if stalled else " (still moving)" for arm, stalled in how.items()}
+            said = [f"{arm}{words.get(arm, '')}" for arm in sorted(missed)]
             lines.append(f"{variant}: last target not reached: {', '.join(said)}")
     return lines
 

@@ -50,6 +50,8 @@ def test_a_variant_that_does_not_reach_its_target_has_a_line() -> None:
     assert metrics_table({"free": there, "blocked": blocked}).caption == (
         "blocked: last target not reached: left (stalled), right (still moving)"
     )
+    own = metrics_table({"own": {"goal.reached": 0.0}})  # of an analysis of the user's
+    assert own.caption == "own: last target not reached: goal"
 
 
 def made_metrics(expected, variants):
