@@ -51,6 +51,11 @@ class Columns:
     columns: dict[str, Column]
     row: Callable[[int], str]
 
+    def wrong(self, text: str, row: int, column: Column | None = None) -> BadInputError:
+        """The error about a row, or about a cell of it."""
+        place = f"{self.origin} {self.row(row)}"
+        return BadInputError(f"{place}: {text}" if column is None else f"{place}, column {column.label}: {text}")
+
     def find(self, wanted: str | None, names: Sequence[str], kind: str) -> Column:
         """The column called `wanted`, or else the first of `names` that there is.
 

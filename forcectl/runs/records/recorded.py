@@ -221,10 +221,8 @@ def _factor(table: Columns, column: Column, quantity: str) -> float:
 def _check_finite(table: Columns, column: Column) -> None:
     bad = np.flatnonzero(~np.isfinite(column.values))
     if bad.size:
-        raise BadInputError(
-            f"{table.origin} {table.row(int(bad[0]))}, column {column.label}: empty or not a number "
-            f"({bad.size} such rows); fill it in, or cut the record before it"
-        )
+        text = f"empty or not a number ({bad.size} such rows); fill it in, or cut the record before it"
+        raise table.wrong(text, int(bad[0]), column)
 
 
 def _check_size(table: Columns, column: Column, factor: float, quantity: str) -> None:
@@ -232,20 +230,16 @@ def _check_size(table: Columns, column: Column, factor: float, quantity: str) ->
     bad = np.flatnonzero(np.abs(column.values) > largest)
     if bad.size:
         k = int(bad[0])
-        raise BadInputError(
-            f"{table.origin} {table.row(k)}, column {column.label}: {column.values[k]:g} is no {quantity} of a robot: "
-            f"must be at most {largest:g} {column.unit or unit_of(column.name)}; correct the row or the unit"
-        )
+        most = f"must be at most {largest:g} {column.unit or unit_of(column.name)}; correct the row or the unit"
+        raise table.wrong(f"{column.values[k]:g} is no {quantity} of a robot: {most}", k, column)
 
 
 def _check_sampling(table: Columns, time: Array) -> float:
     """The sampling period [s] of times that are regular."""
     bad = np.flatnonzero(np.abs(time) > _LONGEST)
     if bad.size:
-        raise BadInputError(
-            f"{table.origin} {table.row(int(bad[0]))}: a time of {time[bad[0]]:g} s is no time of a record: must be at "
-            f"most {_LONGEST:g} s; correct the row or the unit"
-        )
+        most = f"must be at most {_LONGEST:g} s; correct the row or the unit"
+        raise table.wrong(f"a time of {time[bad[0]]:g} s is no time of a record: {most}", int(bad[0]))
     steps = np.diff(time)
     period = float(np.median(steps))
     if 0 < period < _SHORTEST_PERIOD:
@@ -257,26 +251,22 @@ def _check_sampling(table: Columns, time: Array) -> float:
     if wrong.size:
         k = int(wrong[0])
         what = "the same time as" if steps[k] == 0 else "an earlier time than"
-        raise BadInputError(
-            f"{table.origin} {table.row(k + 1)}: {what} {table.row(k)}, {time[k + 1]:.9g} s: "
-            "remove the row, or sort them"
-        )
+        raise table.wrong(f"{what} {table.row(k)}, {time[k + 1]:.9g} s: remove the row, or sort them", k + 1)
     late = np.flatnonzero(steps > 1.5 * period)
     if late.size:
         k = int(late[0])
         missing = max(round(steps[k] / period) - 1, 1)
-        raise BadInputError(
-            f"{table.origin} {table.row(k + 1)}: {missing} {'row is' if missing == 1 else 'rows are'} missing before "
-            f"it, {steps[k]:.6g} s after {table.row(k)} at a period of {period:.6g} s ({late.size} such gaps); "
-            "record without gaps, or cut the record there"
+        raise table.wrong(
+            f"{missing} {'row is' if missing == 1 else 'rows are'} missing before it, {steps[k]:.6g} s after "
+            f"{table.row(k)} at a period of {period:.6g} s ({late.size} such gaps); record without gaps, or cut the "
+            "record there",
+            k + 1,
         )
     uneven = np.flatnonzero(np.abs(steps - period) > _JITTER * period)
     if uneven.size:
         k = int(uneven[0])
-        raise BadInputError(
-            f"{table.origin} {table.row(k + 1)}: {steps[k]:.6g} s after {table.row(k)}, the others {period:.6g} s: "
-            f"sampling must be regular within {100 * _JITTER:g} %; resample the record"
-        )
+        regular = f"sampling must be regular within {100 * _JITTER:g} %; resample the record"
+        raise table.wrong(f"{steps[k]:.6g} s after {table.row(k)}, the others {period:.6g} s: {regular}", k + 1)
     return float((time[-1] - time[0]) / (time.size - 1))
 
 
@@ -286,10 +276,11 @@ def _check_readings(table: Columns, column: Column, y: Array) -> None:
     alone = np.flatnonzero((before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > _ALONE * np.ptp(y)))
     if 0 < alone.size <= _FEW * y.size:
         k = int(alone[0]) + 1
-        raise BadInputError(
-            f"{table.origin} {table.row(k)}, column {column.label}: {column.values[k]:g} stands alone between "
-            f"{column.values[k - 1]:g} and {column.values[k + 1]:g} ({alone.size} such rows): must be a force that "
-            "changes from row to row by less; correct the row"
+        raise table.wrong(
+            f"{column.values[k]:g} stands alone between {column.values[k - 1]:g} and {column.values[k + 1]:g} "
+            f"({alone.size} such rows): must be a force that changes from row to row by less; correct the row",
+            k,
+            column,
         )
 
 
@@ -303,8 +294,9 @@ def _check_saturation(table: Columns, column: Column, u: Array, y: Array) -> Non
             if on.sum() >= _STUCK:
                 k = int(part.start + np.argmax(on))
                 why = "the sensor is saturated" if toward > 0 else "contact is lost or the sensor is saturated"
-                raise BadInputError(
-                    f"{table.origin} {table.row(k)}, column {column.label}: stands still at {column.values[k]:g} from "
-                    f"{table.row(part.start)} to {table.row(part.stop - 1)} while the displacement moves on: {why}; "
-                    "record smaller moves in contact"
+                raise table.wrong(
+                    f"stands still at {column.values[k]:g} from {table.row(part.start)} to {table.row(part.stop - 1)} "
+                    f"while the displacement moves on: {why}; record smaller moves in contact",
+                    k,
+                    column,
                 )

@@ -114,8 +114,7 @@ def _seeds(study: Study) -> str:
     if study.config.repeat is not None:
         return f"at most {study.config.repeat.at_most} seeds"
     if study.seeds is None:
-        drawn = study.config.design not in ("grid", "saltelli")
-        return "each with its own seed" if drawn else "with the seed of the scenario"
+        return "each with its own seed" if study.seeded_by_point else "with the seed of the scenario"
     listed = ", ".join(map(str, study.seeds[:_MOST_VALUES])) + (", …" if len(study.seeds) > _MOST_VALUES else "")
     return f"{_count(len(study.seeds), 'seed')} ({listed})"
 
