@@ -66,9 +66,10 @@ def show(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:28]}...{text[-29:]}"
 
 
-def one_line(error: BaseException) -> str:
-    """The class and the text of an exception that is not ours, in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())
+def one_line(error: BaseException, longest: int | None = None) -> str:
+    """The class and the text of an exception that is not ours, in one line of at most so many characters, if given."""
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return text if longest is None or len(text) <= longest else f"{text[:longest]}..."
 
 
 def invalid(key: str, value: object, allowed: str) -> BadInputError:

@@ -31,9 +31,7 @@ def caught(error: BaseException) -> int:
     """
     if os.environ.get(VARIABLE):
         raise error
-    text = one_line(error)
-    text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-    print(f"error: unexpected {text} ({_place(error)}); the whole with {DEBUG}", file=sys.stderr)
+    print(f"error: unexpected {one_line(error, _LONGEST)} ({_place(error)}); the whole with {DEBUG}", file=sys.stderr)
     return 1
 
 

@@ -7,8 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from forcectl.doctor.report import Finding, error, info
+from forcectl.errors import one_line
 from forcectl.inspect.start import FAILURES, StartValues
 from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
+
+LONGEST = 220  # characters of an error that are told
 
 
 def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
@@ -29,7 +32,7 @@ def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
             try:
                 value = port.Eval(context)
             except FAILURES as failure:
-                bad[output] = f"cannot be computed at t = 0: {type(failure).__name__}: {one_line(failure)}"
+                bad[output] = f"cannot be computed at t = 0: {one_line(failure, LONGEST)}"
                 continue
             if not np.all(np.isfinite(value)):
                 bad[output] = f"is not finite at t = 0: {np.array2string(np.asarray(value), threshold=8)}"
@@ -53,9 +56,3 @@ def _judge(wiring: Wiring, bad: dict[PortAddress, str], output: PortAddress, wha
     if open_abstract:
         return info("not-computed", name, f"not looked at: {', '.join(open_abstract)} is open")
     return error("output-raises", name, what)
-
-
-def one_line(error: BaseException) -> str:
-    """The message of an error without line breaks, cut to a readable length."""
-    text = " ".join(str(error).split())
-    return text if len(text) <= 200 else text[:197] + "..."
