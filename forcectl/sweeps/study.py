@@ -22,14 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import forcectl
-from forcectl.analysis.tables.metric_tables import is_metric, metric_range, unknown_metric
+from forcectl.analysis.tables.metric_tables import compared_unit, is_metric, metric_range, unknown_metric
 from forcectl.analysis.tables.reference import analyses_of
 from forcectl.analysis.tables.task_tables import MODE_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
+from forcectl.framework.expression_units import check_units
+from forcectl.framework.fields import PHYSICAL, key_of
 from forcectl.framework.yaml_tree import Tagged, dump, equal
 from forcectl.runs.chosen import overlap
 from forcectl.scenario.catalog import ScenarioFile
+from forcectl.scenario.effects import values
 from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve
 from forcectl.scenario.trees import part_tree, to_tree
@@ -208,11 +211,12 @@ def _study_of(sweep: SweepFile, allow_imports: Sequence[str]) -> Study:
 def _try_values(study: Study, sweep: SweepFile) -> None:
     """Read every arm, value of a list and end of what is drawn once, and build every arm, before anything runs."""
     numbers = dict.fromkeys(range(len(study.arms)))
+    units: dict[str, str] = {}  # of the keys of all arms
     for i, axis in enumerate(study.axes):
         _, first = np.unique(study.points[:, i], return_index=True)
         points = first[[0, -1]] if axis.distribution else first[:_TRIED]
         numbers |= dict.fromkeys(study.number((int(point), 0), 0) for point in points)
-    own_metrics = False
+    own_metrics, longest = False, 0.0
     modes: dict[str, None] = {}  # of all arms, in order
     analyses = set[str]()  # tags of those of all trials that are read
     arms: dict[str, Tagged] = {}
@@ -221,8 +225,10 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
         changes = study.overrides(trial)
         try:
             scenario = resolve(study.file, study.variant, changes)
+            longest = max(longest, scenario.duration)
             analyses |= {to_tree(each, "analysis").tag or "" for each in scenario.analyses.values()}
             if number < len(study.arms):
+                units |= {at: key_of(one).unit for at, one, _ in values(scenario, "", *PHYSICAL)}
                 arms[trial.arm] = tree = to_tree(scenario)
                 twin = next(name for name, other in arms.items() if equal(tree, other))
                 if twin != trial.arm:
@@ -239,7 +245,9 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
                         raise unknown("signal", name, loop.signals).at("envelope")
         except BadInputError as error:
             raise _placed(error, study, trial, sweep) from error.__cause__
-    _check_metrics(study.config, own_metrics, list(modes), analyses)
+    for i, text in enumerate(study.config.constraints):
+        check_units(Expression(text), lambda name: units.get(name, ""), f"constraints.{i}")
+    _check_metrics(study.config, own_metrics, list(modes), analyses, longest)
 
 
 def unknown_metrics(config: SweepConfig) -> dict[str, str]:
@@ -264,18 +272,20 @@ def _conditions(config: SweepConfig) -> list[tuple[str, Expression]]:
     return [(key, Expression(text, key)) for key, text in asked.items() if text]
 
 
-def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str], analyses: set[str]) -> None:
+def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str], analyses: set[str], longest: float) -> None:
     """BadInputError for conditions that are settled, and for the name of a metric that no run has.
 
     One of a shipped analysis must be of one that a trial has, with these tags, `analyses`.
+    A time is at most that of the longest trial [s].
     Of a mode, it must not look like another one that the state machine of an arm has, of these `modes`.
 
     That a metric is not negative may be asked for: it is so where there is one. Of a scenario with an analysis of the
     user's, `own`, names are looked at with the first trials, see `SweepRun`.
     """
-    for _, condition in _conditions(config):
-        ranges = {name: metric_range(name) for name in condition.names}
-        condition.check_open({name: each for name, each in ranges.items() if each[1] < math.inf}, ranges)
+    for key, condition in _conditions(config):
+        check_units(condition, compared_unit, key)
+        settled = {name: each for name in condition.names if (each := metric_range(name))[1] < math.inf}
+        condition.check_open(settled, {name: metric_range(name, longest) for name in condition.names})
     if not own:
         for key, name in reversed(unknown_metrics(config).items()):
             raise unknown_metric(name).at(key)

@@ -170,17 +170,30 @@ def metric_unit(name: str) -> str:
     return metric.unit if metric else ""
 
 
+def compared_unit(name: str) -> str:
+    """Unit of a metric, to be compared with another one's; "" also of one whose unit differs from run to run."""
+    unit = metric_unit(name)
+    return "" if unit == "SI" else unit
+
+
 def is_never_negative(name: str) -> bool:
     """Whether a metric is known to be zero or above; of one of the user's nothing is known."""
     metric = _known(name)
     return metric is not None and metric.sign == NEVER_NEGATIVE
 
 
-def metric_range(name: str) -> tuple[float, float]:
-    """Lowest and highest value that a metric can have, as far as that is known."""
+def metric_range(name: str, duration: float = math.inf) -> tuple[float, float]:
+    """Lowest and highest value that a metric can have, as far as that is known.
+
+    Args:
+        name: of the metric.
+        duration: of the longest run [s].
+    """
     known = _known(name)
-    highest = 1.0 if known is not None and known.formula == "1 or 0" else math.inf
-    return (0.0 if is_never_negative(name) else -math.inf), highest
+    highest = 1.0 if known is not None and known.formula.startswith("1 or 0") else math.inf
+    if known is not None and known.unit == "s":
+        highest = duration
+    return (0.0 if is_never_negative(name) else -highest), highest
 
 
 def _known(name: str) -> Metric | None:

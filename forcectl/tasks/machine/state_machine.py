@@ -12,6 +12,7 @@ from pydrake.systems.framework import Context
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.batch import check
 from forcectl.framework.expression import Expression
+from forcectl.framework.expression_units import check_units
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.tasks.machine.modes import GUARD_EXAMPLE, LONGEST_GAP, ExitConfig, MachineModeConfig, Modes, check_modes
 
@@ -20,6 +21,7 @@ ENDS = ("running", "success", "failure")  # by their number
 TIME, VISITS, ELAPSED = "time", "visits", "elapsed"
 
 OWN_NAMES = (TIME, VISITS, ELAPSED)
+_UNITS = {TIME: "s", ELAPSED: "s", "force": "N", "torque": "Nm"}  # by the begin of the last part of a name
 _TINY = 1e-6  # of a tick, for rounding
 _LONG = 1e9  # [s] as good as for ever
 
@@ -47,6 +49,7 @@ class Guard:
         self._condition.check_names([*known, *OWN_NAMES], "signal")
         if self._condition.texts:
             raise invalid(key, text, "of signals and numbers, without texts")
+        check_units(self._condition, lambda name: _UNITS.get(name.rpartition(".")[2].partition("_")[0], ""), key)
         self.signals = frozenset(self._condition.names) - {*OWN_NAMES}
         low, high = self._condition.limits().get(TIME, (0.0, math.inf))
         self.times = max(low, 0.0), min(high, _LONG)

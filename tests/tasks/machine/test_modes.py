@@ -148,6 +148,7 @@ def test_the_mode_of_bad_signals_is_reached_without_an_exit():
 
 
 GUARDS = {
+    "abs(touch.force_z) > time": " = .*'abs.touch.force_z.' in N and 'time' in s: must be of the same unit",
     "touch.forcez > 1": "unknown signal 'touch.forcez': did you mean 'touch.force_z'. known: touch.force_x, ",
     "tuch > 1": "unknown signal 'tuch'",
     "touch > 1": "unknown signal 'touch'",

@@ -1,0 +1,55 @@
+"""Units of the names in an expression: what is added, subtracted or compared has one unit."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+from forcectl.errors import BadInputError
+from forcectl.framework.expression import Expression
+
+_SAME = (ast.Add, ast.Sub)
+
+
+def check_units(expression: Expression, unit_of: Callable[[str], str], key: str) -> None:
+    """Refuse sums, differences and comparisons of names that have different units.
+
+    A number has any unit, and so has a product, a quotient or a power: `2 * a < b` says how many b an a is worth.
+
+    Args:
+        expression: as read.
+        unit_of: unit of a name; "" where it is not known.
+        key: that it stands at, for the message.
+
+    Raises:
+        BadInputError: about the first of them.
+    """
+    for node in ast.walk(ast.parse(expression.text.strip(), mode="eval")):
+        sides: Sequence[ast.expr] = ()
+        if isinstance(node, ast.BinOp) and isinstance(node.op, _SAME):
+            sides = (node.left, node.right)
+        elif isinstance(node, ast.Compare):
+            sides = (node.left, *node.comparators)
+        elif isinstance(node, ast.Call):
+            sides = node.args
+        for left, right in pairwise(sides):
+            units = [_unit(side, unit_of) for side in (left, right)]
+            if all(units) and units[0] != units[1]:
+                of_each = " and ".join(
+                    f"{ast.unparse(side)!r} in {unit}" for side, unit in zip((left, right), units, strict=True)
+                )
+                raise BadInputError(f" = {expression.text!r}: {of_each}: must be of the same unit", key=key)
+
+
+def _unit(node: ast.expr, unit_of: Callable[[str], str]) -> str:
+    """Unit of a term; "" where it may be any."""
+    if isinstance(node, ast.Name | ast.Attribute):
+        return unit_of(ast.unparse(node))
+    if isinstance(node, ast.UnaryOp):
+        return _unit(node.operand, unit_of)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, _SAME):
+        return _unit(node.left, unit_of) or _unit(node.right, unit_of)
+    if isinstance(node, ast.Call):
+        return next(filter(None, (_unit(part, unit_of) for part in node.args)), "")
+    return ""
