@@ -13,7 +13,7 @@ from forcectl.diagrams.model import Setting
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, about
 from forcectl.force.chain import ForceChain, Margins
-from forcectl.force.sensor_lag import sensor_model
+from forcectl.force.sensor_lag import sensor_response
 from forcectl.framework.linear_batch import state_space
 from forcectl.plant.plant_model import PlantModel
 
@@ -85,6 +85,8 @@ class LoopMargins(Margins):
 
     def __str__(self) -> str:
         where = f"Without friction, !{self.law} on {self.stiffness:.4g} N/m ({self.contact}):"
+        if math.isnan(self.gain):
+            return f"{where} {'stable' if self.stable else 'unstable'}; its delay is too long to look for margins"
         largest = f"up to {self.largest_stiffness:.4g} N/m" if self.largest_stiffness < math.inf else "on any surface"
         if not self.stable:
             return f"{where} unstable; stable {largest}, or with {self.gain:.3g} times the gain"
@@ -144,15 +146,14 @@ def _above_one(radius: float) -> str:
 
 def _measuring(parts: Any, setting: Setting) -> StateSpace:
     """From the contact force to the measured one: what the estimator or sensor states, else its lag."""
-    period, chosen = setting.truth.period, parts.signals.get("measured_force")
+    chosen = parts.signals.get("measured_force")
     projected = hasattr(chosen, "force_lag")
     sources = parts.estimators if projected else parts.station.sensors
     source: Any = next((each for each in sources.values() if hasattr(each, "force_lag")), None)
     if hasattr(source, "force_response"):
         response = source.force_response(setting.truth)
     else:
-        lag = sensor_model(setting.truth, 1)
-        response = state_space(lag.A(), lag.B(), lag.C(), lag.D(), period)
+        response = sensor_response(setting.truth)
     return response * getattr(chosen, "factor", 1.0)
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 # A pole nearer to the unit circle than that is not called stable: it would decay over a billion ticks.
 _MARGIN = 1e-9
 _DECADES, _PER_DECADE, _HALVINGS = 6, 5, 24
+_MOST_STATES = 200
 _LOWEST, _POINTS = 1e-6, 600  # of the frequencies that are looked at, in parts of half the sampling frequency
 
 
@@ -97,8 +98,13 @@ class ForceChain:
         return _limit(self.is_stable, stiffness)
 
     def margins(self, stiffness: float) -> Margins:
-        """How far the loop is from being unstable, with a contact of this stiffness [N/m]."""
+        """How far the loop is from being unstable, with a contact of this stiffness [N/m].
+
+        Of a loop with a delay line of many ticks only whether it is stable: the rest would take a minute.
+        """
         around = self.once_around(stiffness)
+        if len(around.A) > _MOST_STATES:
+            return Margins(self.is_stable(stiffness), *[np.nan] * 5)
         gain = _limit(lambda factor: bool(np.abs(_closed(around, factor)).max() < 1.0 - _MARGIN), 1.0)
         stable = gain >= 1.0
         phase, delay, crossover = _crossing(around) if stable else (np.nan, np.nan, np.nan)

@@ -11,12 +11,17 @@ model says. d is what the motion does not explain, a surface that rises: it goes
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from pydrake.systems.primitives import LinearSystem
 
 from forcectl.framework.batch import whole_multiple
-from forcectl.framework.linear_batch import LinearBatch
+from forcectl.framework.linear_batch import LinearBatch, behind_delay, state_space
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import filter_matrices, sensor_filter
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 _WAY_BACK = 0.25
 _SMOOTHING = 0.25  # of the rate d', in lags
@@ -28,6 +33,13 @@ def sensor_model(model: PlantModel, size: int) -> LinearSystem | LinearBatch:
     return sensor_filter(
         size, model.sensor_bandwidth, model.sensor_damping_ratio, model.period, _sensor_delay_ticks(model)
     )
+
+
+def sensor_response(model: PlantModel) -> StateSpace:
+    """The same as a sampled linear system, from a force to the measured one."""
+    matrices = filter_matrices(model.sensor_bandwidth, model.sensor_damping_ratio, model.period)
+    lag = behind_delay(*matrices, _sensor_delay_ticks(model), model.period)
+    return state_space(lag.A(), lag.B(), lag.C(), lag.D(), model.period)
 
 
 def _sensor_delay_ticks(model: PlantModel) -> int:
