@@ -19,6 +19,7 @@ from forcectl.plant.sensors.wrist_sensor import WristSensor, random_cross_talk
 from forcectl.plant.tip_kinematics import ForceToWrench
 
 _LOUDEST = 10.0  # times its range, that the noise of a sensor may be
+_SILENT = 0.01  # of noise and quantum of the sensor, below which a fault is not to be seen
 
 
 @dataclass(kw_only=True)
@@ -42,6 +43,8 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
         for i, fault in enumerate(self.faults):
             if fault.kind == "noise" and fault.value > (most := _LOUDEST * self.range):
                 raise invalid(f"faults.{i}.value", fault.value, f"at most {most:g} N, {_LOUDEST:g} times range")
+            if fault.kind == "noise" and fault.value < (least := _SILENT * max(self.noise_std, self.quantum)):
+                raise invalid(f"faults.{i}.value", fault.value, f"at least {least:g} N: the sensor's own hides it")
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> Diagram:
         """Add the block `force_sensor`.

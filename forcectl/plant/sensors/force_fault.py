@@ -23,6 +23,8 @@ _ROUNDING = 1e-9  # [s] of the times of ticks
 _SHORTEST = 0.1  # of a tick, that one reading may be wrong for
 _LONGEST = 0.1  # [s] delay of a reading
 _LARGEST_SCALE = 1e3
+_LEAST_SCALE = 1e-3  # calibrations are no better
+_LEAST_NOISE = 1e-4  # [N]: a sensor without noise of its own resolves no less
 _INSTEAD = {"nan", "inf", "value", "frozen"}  # nothing of the reading is left
 _WITHOUT_VALUE = ("nan", "inf", "frozen", "lost")
 
@@ -44,10 +46,10 @@ class ForceFaultConfig(Config):
         super().__post_init__()
         if self.kind == "jitter" and not 0 < self.value <= _LONGEST:
             raise invalid("value", self.value, f"above 0 and at most {_LONGEST:g} s for jitter")
-        if self.kind == "noise" and self.value <= 0:
-            raise invalid("value", self.value, "positive for noise")
-        if self.kind == "scale" and self.value == 1:
-            raise invalid("value", self.value, "another one for scale: a factor of 1 is no fault")
+        if self.kind == "noise" and not self.value >= _LEAST_NOISE:
+            raise invalid("value", self.value, f"at least {_LEAST_NOISE:g} N for noise")
+        if self.kind == "scale" and abs(self.value - 1) < _LEAST_SCALE:
+            raise invalid("value", self.value, f"at least {_LEAST_SCALE:g} away from 1 for scale: 1 is no fault")
         if self.kind == "scale" and self.value == 0:
             raise invalid("value", self.value, "given and not 0 for scale: kind value is what reports 0 N")
         if self.kind == "scale" and abs(self.value) > _LARGEST_SCALE:
