@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from forcectl.errors import BadInputError
 from forcectl.inspect.events import PeriodicEvent
 from forcectl.inspect.ports import PortName, find_inputs, find_outputs, one_output, start_of_way
 from forcectl.inspect.schedule import clean, schedule
@@ -144,8 +145,15 @@ def ways_around(wiring: Wiring) -> list[tuple[PortName, PortName]]:
 
 
 def way_and_back(wiring: Wiring, source: PortName, target: PortName) -> list[tuple[PortName, PortName]]:
-    """The way from `source` to `target`, and before it the way back, where both ends are outputs of blocks."""
-    back: list[tuple[PortName, PortName]] = [(target, source)] if len(find_outputs(wiring, source)) == 1 else []
+    """The way from `source` to `target`, and before it the way back, where both ends are outputs of blocks.
+
+    Raises:
+        BadInputError: both are one port.
+    """
+    begins = find_outputs(wiring, source)
+    if begins and begins == find_outputs(wiring, target):
+        raise BadInputError(f"the way from {source} to {target} has no length: must be between two ports")
+    back: list[tuple[PortName, PortName]] = [(target, source)] if len(begins) == 1 else []
     return [*back, (source, target)]
 
 

@@ -12,6 +12,7 @@ from pydrake.systems.framework import DiagramBuilder, EventStatus
 from pydrake.systems.primitives import DiscreteTimeDelay, LinearSystem
 
 from forcectl.doctor import examine, measure_delay
+from forcectl.errors import BadInputError
 from forcectl.force.approach import ApproachConfig, ApproachMode
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
@@ -151,6 +152,12 @@ def test_the_tables_of_a_users_diagram_lead_from_port_to_port_and_back():
     ]
     # The sensor filter reads the plant at its own ticks.
     assert report.dead_time == pytest.approx(examine(loop.diagram).dead_time, abs=loop.period)
+
+
+@pytest.mark.parametrize("command", ["station.measured_force", "measured_force"])
+def test_a_way_is_between_two_ports(command):
+    with pytest.raises(BadInputError, match=r"has no length: must be between two ports$"):
+        examine(loop_of("fig_2_7", "OneDimensional").diagram, sensor="station.measured_force", command=command)
 
 
 class LateIntegral:
