@@ -34,6 +34,7 @@ class FrictionAnalysis(Config):
     """
 
     needs: ClassVar[dict[str, str]] = {"joint_velocity": "joint sensors", "motor_torque": "drives that read torques"}
+    reads_of_model: ClassVar[tuple[str, ...]] = ("masses",)
 
     slowest: float = key(0.05, "slower ticks are left out", unit="rad/s", bounds="not negative")
     begin: float = key(0.0, "earlier ticks are left out", unit="s", bounds="not negative")

@@ -8,7 +8,7 @@ are the same of the wrench between them, at the TCP of the second one, see `forc
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,8 @@ class WrenchErrorAnalysis(Config):
 
     Needs a force estimator in the loop.
     """
+
+    reads_of_model: ClassVar[tuple[str, ...]] = ("friction",)
 
     begin: float = key(1.5, "of the run, that is not judged", unit="s", bounds="not negative")
     threshold: float = key(0.45, "of the force along a load that counts as felt", unit="N", bounds="positive")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydrake.multibody.tree import Frame
@@ -144,6 +144,8 @@ class ForceEstimatorConfig(Config):
     It uses the exact dynamics, and `friction_scale` times the friction that the joints have. The threshold (5.3)* is
     given in shares of Coulomb's friction of each joint.
     """
+
+    reads_of_model: ClassVar[tuple[str, ...]] = ("friction", "masses")
 
     gain: float = key(25.0, "gain K_R of the momentum observer", unit="1/s", bounds="positive")
     friction_scale: float = key(1.0, "believed friction / true friction", bounds="from 0 to 20")

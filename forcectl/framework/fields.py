@@ -226,9 +226,12 @@ class Config:
 
     A subclass with `in_batches=True` makes blocks for a batch in which no element knows of the others, and may differ
     between them in the keys that say `each`. It holds for that class only, not for those derived from it.
+
+    `reads_of_model`: what of the scenario's part `model` its blocks read, `friction` or `masses`.
     """
 
     in_batches: ClassVar[bool] = False
+    reads_of_model: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, *, in_batches: bool = False, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)

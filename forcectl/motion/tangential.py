@@ -128,6 +128,15 @@ class TangentialMotionConfig(LineConfig, in_batches=True):
         duration = move_duration(self.distance, self.speed, self.acceleration)
         return (self.start_time, self.start_time + duration) if duration else None
 
+    def distance_after(self, time: float) -> float:
+        """How far along the path the tool is then [m].
+
+        Args:
+            time: from the start of the run on [s].
+        """
+        since = np.array([max(time - self.start_time, 0.0)])
+        return float(trapezoidal_profile(self.distance, self.speed, self.acceleration, since)[0])
+
     def trajectory(self, robot: RobotModel, start: Vector, n: Vector) -> PiecewisePolynomial | Vector:
         """dq_uc over time [rad], or the constant zero.
 

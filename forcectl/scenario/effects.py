@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import Field, fields, is_dataclass, replace
@@ -10,14 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcectl.analysis.tables.metric_tables import GAINS, METRICS, MOTION_METRICS, TUNING_METRICS
+from forcectl.analysis.tables.metric_tables import (
+    GAINS,
+    METRICS,
+    MOTION_METRICS,
+    TUNING_METRICS,
+    metric_range,
+    metric_unit,
+)
 from forcectl.analysis.tables.reference import analyses_of
 from forcectl.analysis.tables.task_tables import MODE_METRICS
 from forcectl.analysis.tracking_metrics import TRACKING_METRICS
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.framework.fields import Config, default_of, key_of
 from forcectl.framework.reader import join
-from forcectl.framework.yaml_tree import Tagged
+from forcectl.framework.yaml_tree import Tagged, is_object
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import unit_normal
 from forcectl.scenario.catalog import find_preset
@@ -44,6 +52,12 @@ _UNREAD = {
     ("has_dynamics", False): ("gravity", "time_step", "friction_scale", "tuned_for", "torque_ratio"),
     ("has_dynamics", True): ("coulomb_friction", "substeps"),
     ("constant_jacobian", True): ("posture_period",),
+}
+# Keys of the part `model`, by what of it they are: not every part of a scenario reads it.
+_OF_MODEL = {
+    "compliance": ("robot_compliance", "environment_compliance"),
+    "friction": ("friction", "friction_scale"),
+    "masses": ("inertia_scale", "payload"),
 }
 
 
@@ -104,12 +118,45 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
         surface: Any = getattr(part, "surface", None)
         if isinstance(surface, SurfaceConfig) and not surface.heights:
             lines += _unused(surface, f"{key}.surface", ("length",), "there are no heights")
+        materials: Any = getattr(surface, "materials", None)
+        if materials is not None and hasattr(scenario.motion, "distance_after"):
+            way = scenario.motion.distance_after(scenario.duration if scenario.as_written else math.inf)
+            way *= float(unit_normal(scenario.motion.direction) @ unit_normal(surface.direction))
+            unmet = materials.unmet(*sorted((0.0, way)))
+            lines += [f"{key}.surface.materials.segments.{i} has no effect: {why}" for i, why in unmet]
     usual_reference = next(default_of(field) for field in fields(scenario) if field.name == "reference")
     if "desired_force" not in signals and scenario.reference != usual_reference:
         lines.append("reference has no effect: the controller takes no desired force")
+    known = (*scenario.fidelities, scenario.fidelity)
+    for i, line in enumerate(scenario.expect if scenario.fidelities else ()):
+        named = {"fidelities": line.fidelities, "expected": line.expected, "gaps": line.gaps}
+        for key, given in named.items():
+            others = [one for one in (given if isinstance(given, list | dict) else ()) if one not in known]
+            if others:
+                why = "it is none of fidelities"
+                lines.append(f"expect.{i}.{key} = {', '.join(others)} has no effect: {why}")
+    forces = getattr(scenario.reference, "forces", [])
+    for i, (before, force) in enumerate(pairwise(forces if "desired_force" in signals else ()), start=1):
+        if force == before:
+            lines.append(f"reference.times.{i} has no effect: the force stays {force:g} N")
+    readers = [scenario.controller, scenario.estimators, scenario.analyses]
+    read = {name for _, part in configs(readers, "") for name in part.reads_of_model}
+    read |= {"compliance"} if "desired_force" in signals else set()
+    for name, keys in _OF_MODEL.items() if _known(readers) else ():
+        if name not in read:
+            lines += _unused(scenario.model, "model", keys, f"nothing here reads the {name} of the model")
     if getattr(scenario.motion, "distance", None) == 0:
         lines += _unused(scenario.motion, "motion", ("speed", "acceleration", "slope", "start_time"), "distance is 0")
     return lines
+
+
+def _known(part: Any) -> bool:
+    """Whether a part of a scenario, and every part in it, is one of ours, which say what they read."""
+    if isinstance(part, list | tuple | dict):
+        return all(map(_known, part.values() if isinstance(part, dict) else part))
+    inner = [getattr(part, field.name) for field in fields(part)] if isinstance(part, Config) else []  # type: ignore[arg-type]
+    known = isinstance(part, np.ndarray) or not is_object(part)
+    return known or (type(part).__module__.startswith("forcectl.") and all(map(_known, inner)))
 
 
 def _unused(part: Any, key: str, names: Sequence[str], why: str) -> list[str]:
@@ -161,6 +208,20 @@ def check_judged(scenario: Scenario, loop: Loop) -> None:
         if steps is not None and number and (int(number) > steps or steps == 1):
             counted = f"step_1 to step_{steps}" if steps > 1 else "named without a step: there is one"
             raise invalid(key, name, f"of the reference, {counted}")
+        _check_within_reach(scenario, key, name)
+
+
+def _check_within_reach(scenario: Scenario, key: str, name: str) -> None:
+    """A line of `expect` asks for no time beyond the run, and no force at which it is stopped."""
+    place, _, term = key.removeprefix("expect.").partition(".")
+    line = scenario.expect[int(place)]
+    asked = line.allowed(scenario.fidelity) if term == "metric" else None
+    force = scenario.limits()["contact_force"] if metric_unit(name) == "N" else math.inf
+    most = min(force, metric_range(name, scenario.duration)[1])
+    if asked is not None and asked.low is not None and asked.low > most:
+        own = "minimum" if asked.low == line.minimum else "published"
+        why = "at which a run is stopped" if most == force else f"as duration = {scenario.duration:g} s"
+        raise invalid(f"expect.{place}.{own}", getattr(line, own), f"at most {most:g} {metric_unit(name)}, {why}")
 
 
 def check_lengths(scenario: Scenario, longest: float, words: str) -> None:

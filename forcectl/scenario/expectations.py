@@ -11,7 +11,7 @@ from forcectl.analysis.force_targets import Allowed
 from forcectl.analysis.tables.metric_tables import (
     PAIR_METRICS,
     is_metric,
-    is_never_negative,
+    metric_range,
     metric_unit,
     unknown_metric,
 )
@@ -132,13 +132,21 @@ class Expectation(Config):
         if not self.target.strip() or not self.target.isprintable():
             raise invalid("target", self.target, "printable characters")
         low, high = (x if x is not None else side for x, side in ((self.minimum, -math.inf), (self.maximum, math.inf)))
-        if self.minus is None and self.ratio is None and is_never_negative(self.metric):
+        if self.minus is None and self.ratio is None:
+            least, most = metric_range(self.metric)
             for name, limit in (("minimum", self.minimum), ("maximum", self.maximum)):
-                if limit is not None and limit < 0:
+                if limit is not None and limit < 0 <= least:
                     raise invalid(name, limit, f"not negative, as {self.metric} is")
+            if high == 0 <= least and self.strict:
+                raise invalid("maximum", high, f"above 0 where strict = true, as {self.metric} is never negative")
+            if low > most:
+                raise invalid("minimum", low, f"at most {most:g}, as {self.metric} is")
         if self.strict and low == high:
             raise invalid("minimum", low, f"below maximum = {high:g} where strict = true")
         if self.tolerance is not None and isinstance(self.published, float):
+            counted = metric_unit(self.metric) in ("", "1")
+            if not counted and not (self.tolerance.absolute or self.tolerance.relative):
+                raise BadInputError(" is zero: must have absolute or relative above 0", key="tolerance")
             width = self.tolerance.width(self.published)
             nearest = min(max(self.published, low), high)
             if abs(nearest - self.published) > width:
@@ -200,10 +208,15 @@ def judged_metrics(lines: Sequence[Expectation], variant: str, names: Sequence[s
         fidelity: of the run. A line with a gap may have no value there.
 
     Raises:
-        BadInputError: a line is about a variant that there is not, or compares a metric with itself.
+        BadInputError: a line is about a variant that there is not, compares a metric with itself, or asks what another
+            one does.
     """
-    found = list[tuple[str, str]]()
+    found, asked = list[tuple[str, str]](), list[dict[str, Any]]()
     for i, line in enumerate(lines):
+        asked.append({**vars(line), "target": ""})
+        if asked[-1] in asked[:-1]:
+            twin = lines[asked.index(asked[-1])].target
+            raise invalid(f"expect.{i}.target", line.target, f"about something else than {twin!r}")
         judged = (not line.fidelities or fidelity in line.fidelities) and fidelity not in line.gaps
         for place, name in (of_terms := line.variants(names)).items():
             if name not in names:

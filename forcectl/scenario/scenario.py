@@ -231,12 +231,16 @@ def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fideli
     """Overrides with the values that have an argument of their own.
 
     Raises:
-        BadInputError: overrides that are no mapping.
+        BadInputError: overrides that are no mapping, or say something else than these.
     """
     if not isinstance(overrides, Mapping | None):
         raise invalid("overrides", overrides, "a mapping of dotted keys to values")
     shortcuts = {"seed": seed, "station.fidelity": fidelity}
-    return dict(overrides or {}) | {key: value for key, value in shortcuts.items() if value is not None}
+    given = {key: value for key, value in shortcuts.items() if value is not None}
+    for name, value in given.items():
+        if (other := (overrides or {}).get(name, value)) != value:
+            raise invalid(name, other, f"left out, or {value!r}, which {name.rpartition('.')[2]} beside it says")
+    return dict(overrides or {}) | given
 
 
 def as_file(scenario: Named, allow_imports: Sequence[str] = (), modules: Path | None = None) -> ScenarioFile:

@@ -40,6 +40,7 @@ _LASTS = {
     "analyses": ("begin",),
     "findings": ("bounce", "saturated", "stuck"),
 }
+_LATEST = 0.999  # of the run, that something may begin at
 _OUTLASTS = 20  # times the run, that a motion, or a file of a reference, may last
 _ANYWAY = 60.0  # [s] that ramps, moves and periods may, however short a run is
 # Keys of parts in which they count from the start of the run.
@@ -75,7 +76,7 @@ def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
         if len(text := getattr(scenario, key)) > longest:
             raise BadInputError(f" has {len(text)} characters: must have at most {longest}", key=key)
     for key, start in _starts(scenario):
-        if start > 0 and start >= scenario.duration and ("duration" not in overrides or _forced(key, overrides)):
+        if start > _LATEST * scenario.duration and ("duration" not in overrides or _forced(key, overrides)):
             raise invalid(key, start, f"below duration = {scenario.duration:g} s")
     if "duration" not in overrides:
         _check_lasting(scenario)

@@ -147,11 +147,36 @@ UNREAD = [
     ("gravity: false}\nfidelities: [Multibody, Kinematic]\n_: {", "Kinematic", []),
     ("}\npreset: linear\n_: {", "OneDimensional", []),
 ]
+SEGMENTS = "station.environment.surface.materials.segments"
+SLIDING = (
+    "motion: {{distance: 0.01, speed: 0.1, acceleration: 1}}\nstation: {{environment: {{surface: {{materials: "
+    "{{segments: [{{material: plastic, start: {}}}, {{material: wood, start: {}}}]}}}}}}}}"
+)
 # Text of a scenario; what has no effect beside the rest of it, for a reason that goes on like this.
 NO_EFFECT = [
     ("motion: {speed: 0.01, slope: 0.1}", ["motion.slope = 0.1", "motion.speed = 0.01"], "distance is 0"),
     ("motion: {speed: 0.01, distance: 0.001}", [], ""),
     ("station: {environment: {surface: {length: 1}}}", ["station.environment.surface.length = 1.0"], "there are no he"),
+    (
+        "model: {payload: 1, friction_scale: 2}",
+        ["model.friction_scale = 2.0", "model.payload = 1.0"],
+        "nothing here",
+    ),
+    ("model: {payload: 1}\ncontroller: !InvarianceRobot {nominal_gain: 1}", [], ""),
+    ("model: {payload: 1}\nanalyses: {mine: !Import {path: own:Mine}}", [], ""),
+    ("reference: !Sequence {times: [0, 0.2], forces: [5, 5]}", ["reference.times.1"], "the force stays 5 N"),
+    ("reference: !Sequence {times: [0, 0.2], forces: [5, 6]}", [], ""),
+    (
+        "fidelities: [OneDimensional]\n"
+        "expect: [{target: a, metric: overshoot_N, maximum: 9, fidelities: [Kinematic], expected: {Multibody: 1}}]",
+        ["expect.0.fidelities = Kinematic", "expect.0.expected = Multibody"],
+        "it is none of fidelities",
+    ),
+    ("expect: [{target: a, metric: overshoot_N, maximum: 9, fidelities: [Kinematic]}]", [], ""),
+    (SLIDING.format("0, end: 0.02", "0.02, end: 0.09"), [f"{SEGMENTS}.1"], "the tool goes from 0 to 0.01 m of"),
+    (SLIDING.format("-0.2, end: -0.1", "-0.1, end: 0.09"), [f"{SEGMENTS}.0"], "the tool goes from 0 to 0.01 m of"),
+    (SLIDING.format("0, end: 0.005", "0.005, end: 0.09"), [], ""),
+    (SLIDING.format("0, end: 0.005", "0.005, end: 0.09").replace("wood", "plastic"), [f"{SEGMENTS}.1"], "it is as the"),
     ("station: {sensors: {}}\nreference: !Sine {}\ncontroller: !Import {path: own:Still}", ["reference"], "the contro"),
 ]
 STILL = """from dataclasses import dataclass
@@ -166,6 +191,14 @@ class Still:
         source = inner.AddNamedSystem("source", ConstantVectorSource(model.start))
         inner.ExportOutput(source.get_output_port(), "joint_position_command")
         return builder.AddNamedSystem("still", inner.Build())
+
+
+class Mine:
+    def metrics(self, log, setting):
+        return {}
+
+    def figures(self, log, setting, title):
+        return {}
 """
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,6 +140,8 @@ class OutputConfig(Config):
 @dataclass(kw_only=True)
 class InvarianceRobotConfig(Config):
     """Scenario part `!InvarianceRobot`."""
+
+    reads_of_model: ClassVar[tuple[str, ...]] = ("masses",)
 
     gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
     upper_acceleration: float | None = key(None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive")

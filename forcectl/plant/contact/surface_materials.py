@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -142,6 +143,21 @@ class MaterialsConfig(Config):
             [segment.damping for segment in ordered],
             [segment.height for segment in ordered],
         )
+
+    def unmet(self, low: float, high: float) -> Iterator[tuple[int, str]]:
+        """Numbers of the segments that change nothing, each with the reason.
+
+        Args:
+            low, high: of the path coordinate, where the tool goes [m].
+        """
+        ordered, half = self._ordered(), self.blend / 2
+        for before, after in pairwise(ordered):
+            own = [(one.environment_stiffness, one.damping, one.height) for one in (before, after)]
+            if own[0] == own[1]:
+                yield self.segments.index(after), "it is as the one before it"
+        for one in ordered:
+            if (one is not ordered[0] and one.start - half > high) or (one is not ordered[-1] and one.end + half < low):
+                yield self.segments.index(one), f"the tool goes from {low:.3g} to {high:.3g} m of the path"
 
     @property
     def flat(self) -> bool:

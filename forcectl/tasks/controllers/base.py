@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from pydrake.geometry import Box
 
@@ -52,6 +52,8 @@ class ModeConfig(Config):
 @dataclass(kw_only=True)
 class TaskControllerConfig(Config):
     """Keys of every controller that follows tasks; a subclass says by which modes, and where they go."""
+
+    reads_of_model: ClassVar[tuple[str, ...]] = ("masses",)
 
     tasks: dict[str, Any] = slot("task", dict, meaning="by name; empty: the whole pose of every arm")
     motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the references")
