@@ -155,6 +155,27 @@ def _holds(tree: Tree, parts: list[str]) -> bool:
     return True
 
 
+def check_order(overrides: Mapping[str, Any], others: Mapping[str, Any]) -> None:
+    """Refuse overrides that replace one before them, or say something else than arguments for the same keys.
+
+    Args:
+        overrides: by dotted key, in order.
+        others: of these arguments, by dotted key.
+
+    Raises:
+        BadInputError: about the key.
+    """
+    for name, value in others.items():
+        if (other := overrides.get(name, value)) != value:
+            raise invalid(name, other, f"left out, or {value!r}, which {name.rpartition('.')[2]} beside it says")
+    names = [str(name) for name in overrides]
+    for i, name in enumerate(names):
+        if earlier := next((other for other in names[:i] if other.startswith(f"{name}.")), ""):
+            raise BadInputError(
+                f" replaces what {earlier} sets before it: must stand before it", key=f"overrides.{name}"
+            )
+
+
 def leave_out(tree: Tagged, preset: Tagged) -> None:
     """Write null for the parts that a preset has and a complete tree has not: else the preset would add them again."""
     for name, part in preset.items():

@@ -36,7 +36,7 @@ from forcectl.scenario.effects import check_judged, preset_tree, unread
 from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation, Judged, judged_metrics
 from forcectl.scenario.gains import identifications
-from forcectl.scenario.layers import ONLY_VARIANT, Layers, leave_out, locate_files, select_variants
+from forcectl.scenario.layers import ONLY_VARIANT, Layers, check_order, leave_out, locate_files, select_variants
 from forcectl.scenario.probes import probes_of
 from forcectl.scenario.schema import ScenarioReader
 from forcectl.scenario.together import LONGEST_DURATION, check_built, check_together
@@ -237,9 +237,7 @@ def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fideli
         raise invalid("overrides", overrides, "a mapping of dotted keys to values")
     shortcuts = {"seed": seed, "station.fidelity": fidelity}
     given = {key: value for key, value in shortcuts.items() if value is not None}
-    for name, value in given.items():
-        if (other := (overrides or {}).get(name, value)) != value:
-            raise invalid(name, other, f"left out, or {value!r}, which {name.rpartition('.')[2]} beside it says")
+    check_order(overrides or {}, given)
     return dict(overrides or {}) | given
 
 

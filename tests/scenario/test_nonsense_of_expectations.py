@@ -58,6 +58,13 @@ def test_a_key_and_the_argument_for_it_do_not_contradict_each_other(given, said)
     assert load_scenario("fig_2_8", overrides={"seed": 2}, seed=2).seed == 2
 
 
+def test_an_override_does_not_replace_one_before_it():
+    whole, one = {"reference": {"force": 4.0}}, {"reference.force": 3.0}
+    with pytest.raises(BadInputError, match=r"^overrides\.reference replaces what reference\.force sets before it"):
+        load_scenario("fig_2_8", overrides=one | whole)
+    assert load_scenario("fig_2_8", overrides=whole | one).reference.force == 3.0
+
+
 def test_nothing_begins_in_the_last_thousandth_of_a_run(tmp_path):
     file = tmp_path / "own.yaml"
     file.write_text("duration: 5\nreference: !Step {start_time: 4.9999}\n")
