@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable
-from typing import Annotated
+from functools import cache
+from typing import Annotated, Any
 
 import typer
 
@@ -80,6 +81,12 @@ tuning.command()(vrft)
 _Complaint: type[Exception] = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
 
+@cache
+def _commands() -> Any:
+    """All commands as Typer makes them of the functions' signatures, which takes longer than many a command."""
+    return typer.main.get_command(app)
+
+
 def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
     """Run the command of `sys.argv`; returns the exit code.
 
@@ -90,7 +97,7 @@ def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
     warnings.simplefilter("ignore", RuntimeWarning)
     try:
         check_memory()
-        return app(standalone_mode=False, prog_name="forcectl") or 0
+        return _commands()(standalone_mode=False, prog_name="forcectl") or 0
     except MemoryError:
         return _complain("not enough memory: nothing that was not said to be written is kept", 1)
     except ForcectlError as error:
