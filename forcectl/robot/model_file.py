@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -62,12 +63,22 @@ class ModelFile:
         problems, doubts = wrong_sdf(path) if suffix == ".sdf" else (urdf.problems, urdf.doubts)
         if problems := [*problems, *(each.text for each in doubts if everything)]:
             raise BadInputError(f"{path.name}: cannot be read: {'; '.join(problems)}")
-        plant = MultibodyPlant(time_step=0.0)
-        instances, remarks = add_models(plant, path, urdf)
-        if len(instances) != 1:
-            raise BadInputError(f"{path.name} holds {len(instances)} models: must hold exactly one")
-        bodies = tuple(plant.get_body(index).name() for index in plant.GetBodyIndices(instances[0]))
-        return cls(path, plant.GetModelInstanceName(instances[0]), bodies, urdf, tuple(doubts), remarks)
+        name, bodies, remarks = _only_model(path, urdf)
+        return cls(path, name, bodies, urdf, tuple(doubts), remarks)
+
+
+@lru_cache(maxsize=64)
+def _only_model(path: Path, urdf: Urdf) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+    """Name and bodies of the model of a file, and Drake's remarks.
+
+    A URDF file that has not changed is read as the same `Urdf`, and not parsed again.
+    """
+    plant = MultibodyPlant(time_step=0.0)
+    instances, remarks = add_models(plant, path, urdf)
+    if len(instances) != 1:
+        raise BadInputError(f"{path.name} holds {len(instances)} models: must hold exactly one")
+    bodies = tuple(plant.get_body(index).name() for index in plant.GetBodyIndices(instances[0]))
+    return plant.GetModelInstanceName(instances[0]), bodies, remarks
 
 
 def add_models(plant: MultibodyPlant, path: Path, urdf: Urdf) -> tuple[list[ModelInstanceIndex], tuple[str, ...]]:

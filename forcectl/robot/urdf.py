@@ -73,9 +73,9 @@ class UrdfJoint:
     mimics: tuple[str, float, float] | None = None
 
 
-@dataclass
+@dataclass(eq=False)
 class Urdf:
-    """What a URDF file says.
+    """What a URDF file says; the same object as long as the file does not change.
 
     Attributes:
         text: in place of the file; "" where it can be used as it is.

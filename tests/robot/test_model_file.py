@@ -1,4 +1,4 @@
-"""Model files as Drake parses them: nothing is fetched, and what is wrong is one line with the file."""
+"""Model files as Drake parses them: nothing is fetched, what is wrong is one line with the file, changes are seen."""
 
 from __future__ import annotations
 
@@ -138,3 +138,12 @@ def test_a_file_that_an_sdf_includes_has_masses(tmp_path, mass):
     with pytest.raises(BadInputError, match=r"own\.sdf: cannot be used: .* must have masses") as caught:
         parse_models(MultibodyPlant(time_step=0.0), {"own": ModelFile.look(file)}, [])
     assert "bazel" not in str(caught.value)
+
+
+def test_a_file_that_has_changed_is_read_again(tmp_path):
+    file = tmp_path / "own.urdf"
+    for names in (("base",), ("base", "hand")):
+        joint = '<joint name="j" type="fixed"><parent link="base"/><child link="hand"/></joint>' if names[1:] else ""
+        links = "".join(f'<link name="{name}"/>' for name in names)
+        file.write_text(f'<robot name="own">{links}{joint}</robot>')
+        assert ModelFile.look(file).bodies == names
