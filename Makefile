@@ -11,6 +11,8 @@ BIN    := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
+# Each process of the tests would compile a thousand modules again: what is compiled is kept in __pycache__.
+unexport PYTHONDONTWRITEBYTECODE
 # Figures are written to files; no display is needed.
 export MPLBACKEND := Agg
 
