@@ -129,10 +129,12 @@ class Mine:
     ],
 )
 def test_an_analysis_adds_to_a_run_and_writes_nothing_beside_it(
-    tmp_path: Path, answers: dict[str, Any], told: str
+    tmp_path: Path, answers: dict[str, Any], told: str, request: pytest.FixtureRequest
 ) -> None:
     from forcectl.runs.run import run
 
+    if "figures" not in answers:
+        request.getfixturevalue("without_pictures")
     short = {"station": {"fidelity": "OneDimensional"}, "duration": 0.05, "analyses": {"mine": Mine(**answers)}}
     with pytest.raises(RunFailedError) as error:
         run(short, out=tmp_path / "folder" / "run")
