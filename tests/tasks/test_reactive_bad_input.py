@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -40,12 +40,15 @@ def moving(duration: float, controller: ReactiveController | None = None, **inpu
     return run(diagram, duration, **{"task_target": GOAL} | inputs)
 
 
-FREE = moving(1.6)
+@cache
+def free() -> Log:
+    """The undisturbed run."""
+    return moving(1.6)
 
 
 def readings(t: float, late: int = 1) -> np.ndarray:
     """Joint positions of the undisturbed run some ticks ago."""
-    past: np.ndarray = FREE["joint_position_command"][max(0, round(t / PERIOD) - late)]
+    past: np.ndarray = free()["joint_position_command"][max(0, round(t / PERIOD) - late)]
     return past
 
 
@@ -65,14 +68,14 @@ def holds_at(log: Log, time: float) -> bool:
 
 
 def test_undisturbed_it_reaches_the_target() -> None:
-    assert_smooth(FREE)
-    assert FREE["reached"][-1] == 1
-    assert FREE["holding"].max() == 0
+    assert_smooth(free())
+    assert free()["reached"][-1] == 1
+    assert free()["holding"].max() == 0
 
 
 def test_good_readings_change_nothing() -> None:
     log = moving(1.6, joint_position=readings, joint_velocity=np.zeros(N))
-    np.testing.assert_array_equal(log["joint_position_command"], FREE["joint_position_command"])
+    np.testing.assert_array_equal(log["joint_position_command"], free()["joint_position_command"])
     assert log["reading_ok"].min() == 1
 
 
@@ -113,7 +116,7 @@ def test_a_few_lost_samples_leave_the_command_alone() -> None:
         return readings(0.3) if 0.3 <= t < 0.315 else readings(t)
 
     log = moving(1.6, joint_position=reading, joint_velocity=np.zeros(N))
-    np.testing.assert_array_equal(log["joint_position_command"], FREE["joint_position_command"])
+    np.testing.assert_array_equal(log["joint_position_command"], free()["joint_position_command"])
     assert log["reading_ok"].min() == 0
 
 
@@ -152,7 +155,7 @@ def test_a_target_that_is_no_number_keeps_the_last_one(bad: float) -> None:
     log = moving(1.6, task_target=target)
     assert_smooth(log)
     assert log["reached"][-1] == 1
-    np.testing.assert_allclose(log["joint_position_command"], FREE["joint_position_command"], atol=1e-9)
+    np.testing.assert_allclose(log["joint_position_command"], free()["joint_position_command"], atol=1e-9)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])
