@@ -1,11 +1,16 @@
 """The programs of the reactive controller at one tick: tasks by priority, then the null space; (5.14), (5.18)::
 
     level 1, 2, ...   L of the tasks of that priority (5.16) + damping |u - u_rest|^2/2
+    level 1           beside these |N (u - u_calm)|^2/2, with N onto what its tasks leave free
     last level        the criterion, (5.19), (5.20)
 
 The damping makes the optimum unique. It is small (a task moves 0.1 % slower where its singular value is 0.3) except
 near a singular posture of the first level, where it grows as in a damped inverse. u_rest = -q'/Ts is rest at the next
-tick. Rows of the joint torques are in the programs only in ticks in which an answer without them exceeds a limit.
+tick. N u changes nothing of the optimum but where a row binds: what an arm would have to swing about its hand for, the
+hand gives way to. u_calm is the u nearest to zero within the bounds. Where level 1 settles the criterion as well there
+is no such term, see `TaskProgram.pose`.
+
+Rows of the joint torques are in the programs only in ticks in which an answer without them exceeds a limit.
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ from pydrake.solvers import MathematicalProgram
 from scipy.linalg.lapack import dsyev
 
 from forcectl.errors import BadInputError
-from forcectl.framework.kernels import is_definite
+from forcectl.framework.kernels import all_finite, is_definite, left_free
 from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem, Smooth
 from forcectl.qp.prioritized_program import Level
 from forcectl.qp.solvers import Solver
@@ -114,6 +119,7 @@ class TaskProgram:
         self._joints, self._eye = constraints.joints, np.eye(len(torque))
         rests = isinstance(criterion, JointSpeed) and criterion.rests_in(period)
         self._settled = len(self._levels) == 1 and rests
+        self._beside = self._eye[:, self._levels[0].size :]  # what `left_free` starts from
         self._program = ConstrainedProgram(
             constraints,
             torque,
@@ -172,9 +178,20 @@ class TaskProgram:
             hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])
             found.append(Level(hessian + damping * self._eye, gradient + damping * rest, J))
             damping = _LEAST_DAMPING
+        if not self._settled and self._beside.size:
+            found[0] = self._calmed(found[0], *((rows.lower, rows.upper) if smooth is None else smooth[:2]))
         cost, memory = self._last_level(motion, self._period, memory)
         problem = Problem(motion, rows, [*found, Level(*cost)], settled=self._settled, smooth=smooth)
         return Posed(problem, near > 0.0, memory)
+
+    def _calmed(self, level: Level, lower: Vector, upper: Vector) -> Level:
+        """Level 1 with the accelerations beside its tasks, from the smallest ones within bounds of u."""
+        hessian, gradient, J = level
+        beside = left_free(J, self._beside) if all_finite(J) else None
+        if beside is None:
+            return level
+        share, calm = beside @ beside.T, np.minimum(np.maximum(lower, 0.0), upper)
+        return Level(hessian + share, gradient - share @ calm, J)
 
     def solve(self, posed: Posed) -> Outcome:
         """The optimum, the nearest to it, or braking."""
