@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 _MARGIN, _LESS_JERK, _JERK = 1.0 - 1e-9, 1.0 - 2e-9, 1.0 - 1e-9
 _POSITION, _VELOCITY = ControlInterface.Position, ControlInterface.Velocity
 _TOGETHER, _ALONE = Synchronization.Phase, Synchronization.No
+_LEAST_SHARE = 0.1  # of its limits that a component stops with which could stop in less than a tenth of the time
 _FASTER = 1e-9  # what counts as a shorter duration [s]
 _LONGEST = 7600.0  # a longer duration is an error to Ruckig [s]
 
@@ -80,7 +81,10 @@ class GroupPlanner:
                 start = np.array([start[0], *np.zeros((2, self._size))])
                 fastest = self._prepare(start, start, free)
         arrival = fastest.independent_min_durations
-        if self._synchronized and self._size > 1:
+        if self._synchronized and self._size > 1 and not any(brakes) and all(free) and not target[1].any():
+            fastest = self._stopped_together(fastest)
+            arrival = fastest.independent_min_durations
+        elif self._synchronized and self._size > 1:
             self._input.per_dof_synchronization = [_ALONE if one else _TOGETHER for one in free]
             together = self._calculate()
             self._input.per_dof_synchronization = None
@@ -119,6 +123,16 @@ class GroupPlanner:
             return tries[1]
         inputs.max_jerk = [full if better else less for better, less, full in zip(faster, *self._jerks, strict=True)]
         return self._calculate() if any(faster) else tries[0]
+
+    def _stopped_together(self, fastest: Any) -> Any:
+        """As slow as the slowest, with jerk and acceleration scaled: alike in shape, so the path goes on straight."""
+        inputs, times = self._input, np.array(fastest.independent_min_durations)
+        share = np.maximum(times / max(times.max(), _FASTER), _LEAST_SHARE)
+        reach = share * inputs.max_acceleration
+        inputs.max_acceleration = np.maximum(reach, np.abs(inputs.current_acceleration)).tolist()
+        inputs.max_jerk = (share**2 * inputs.max_jerk).tolist()
+        together = self._calculate()
+        return fastest if together is None else together
 
     def _calculate(self) -> Any:
         trajectory = Trajectory(self._size)

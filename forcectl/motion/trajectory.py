@@ -175,7 +175,8 @@ class Planner:
     Args:
         limits: from `limits_of`.
         synchronized: the components of a group arrive together, and from rest on a straight line if their limits are
-            alike; False: each as early as it can. Components in velocity mode are always on their own.
+            alike, and a group that stops wherever it is, all in velocity mode to no velocity, does so on a straight
+            line; False: each as early as it can. Others in velocity mode are always on their own.
         groups: how many components, one after the other, are planned together, and apart from those of the other
             groups; None: all of them.
 

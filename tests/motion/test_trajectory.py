@@ -196,6 +196,17 @@ def test_velocity_mode_takes_on_the_velocity_and_nothing_else():
     np.testing.assert_allclose(state.position, [ahead, 0.1], atol=1e-8)
 
 
+def test_a_group_that_stops_does_so_together_on_a_straight_line():
+    speed = np.array([0.03, -0.005, 0.0, 0.012])
+    planner = Planner(limits_of(4, [0.5, 0.5, 0.5, 1.5], [2.0, 2.0, 2.0, 6.0], [20.0, 20.0, 20.0, 60.0]))
+    state, stop = begin(np.zeros(4), speed), at(np.zeros(4), velocity_mode=np.ones(4))
+    for _ in range(30):
+        state = planner.follow(state, stop, TICK)
+        np.testing.assert_allclose(state.velocity, state.velocity[0] / speed[0] * speed, atol=1e-9)
+    assert state.arrived.all()
+    assert abs(state.position[0]) == pytest.approx(speed[0] * math.sqrt(speed[0] / 20.0), rel=1e-6)  # as fast as it can
+
+
 def test_past_a_target_with_a_velocity_it_goes_on():
     planner, state = Planner(limits_of(2, 1.0, 5.0, 50.0), synchronized=False), begin(np.zeros(2))
     for tick in range(1000):

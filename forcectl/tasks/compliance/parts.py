@@ -169,15 +169,12 @@ def mode_references(
     damping = np.where(
         np.isnan(own := numbers("damping", np.nan)), _of(angular, gains.turn_damping, gains.damping), own
     )
-    largest = damping.copy()
-    for table in tables:
-        largest[table.row] *= table.factor.max()
     for row, each in enumerate(found):
         if not abs(velocity[row]) <= bounds.velocity[row]:
             allowed = f"at most the speed limit of the mode, {bounds.velocity[row]:g}"
             raise invalid(f"{keys[row]}.velocity", each.velocity, allowed)
-        if comply[row] and not inertia[row] > 0.5 * period * largest[row]:
-            allowed = f"above damping times half a tick, {0.5 * period * largest[row]:g}: else the filter is unstable"
+        if comply[row] and not inertia[row] > (least := 0.5 * period * damping[row]):
+            allowed = f"above damping times half a tick, {least:g}: else the filter is unstable"
             raise invalid(f"{keys[row]}.inertia", float(inertia[row]), allowed)
     return ModeReferences(
         followed=np.array([not followed or name in followed for name, _ in places]),

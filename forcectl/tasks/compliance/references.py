@@ -13,6 +13,9 @@ F is the given force F_m behind a play of half-width h, narrower near zero, so t
 Noise of F_m that is smaller than h does not turn the motion round. From a force that has come to rest F differs by up
 to h.
 
+D may depend on another coordinate. That makes no filter faster than H/D = 20 ms, the lag of the servos: from there on H
+grows with D. A filter near H/D = Ts/2 would turn round at every tick.
+
 At a switch of modes every coordinate goes on with the position, velocity and acceleration that it was commanded: dx and
 s become part of x_gen. What still complies keeps dv; what begins to and has no target of its own takes as much of the
 velocity for dv as the force asks for in the steady state.
@@ -47,6 +50,7 @@ Flags = NDArray[np.bool_]
 _START = ("start_position", "start_velocity", "start_acceleration")
 _REFERENCES = tuple(f"task_{name}_reference" for name in ("position", "velocity", "acceleration"))
 _ROUNDING = 1e-9
+_LAG = 0.02  # [s] of the servos
 _LARGEST_FORCE = 1e6  # [N or Nm] a force beyond is no number
 
 
@@ -128,14 +132,16 @@ class ModeReferences(NamedTuple):
     swings: Sequence[Swing]
     limits: Limits
 
-    def damping_at(self, position: Array) -> Array:
-        """D at a position of all coordinates."""
+    def admittance_at(self, position: Array) -> tuple[Array, Array]:
+        """H and D at a position of all coordinates."""
         if not self.tables:
-            return self.damping
-        damping = self.damping.copy()
+            return self.inertia, self.damping
+        inertia, damping = self.inertia.copy(), self.damping.copy()
         for row, of, at, factor in self.tables:
+            time = min(inertia[row] / damping[row], _LAG)
             damping[row] *= np.interp(position[of], at, factor)
-        return damping
+            inertia[row] = max(inertia[row], time * damping[row])
+        return inertia, damping
 
 
 class CompliantReferences(SampledBlock):
@@ -196,6 +202,7 @@ class CompliantReferences(SampledBlock):
             raise invalid("modes", list(modes), "at least one")
         self._modes, sizes = tuple(modes), [check_count("groups", count) for count in groups]
         k = self._size = sum(sizes)
+        self._sizes, self._begins = np.array(sizes), np.cumsum(sizes) - sizes
         self._nothing_felt = np.ones(k, dtype=bool), np.zeros(k), np.zeros(k)
         every = [mode.limits for mode in modes]
 
@@ -272,7 +279,8 @@ class CompliantReferences(SampledBlock):
         reference = state[:3].copy()
         rest = mode.stays & free & ok
         if largest(rest):
-            goal = np.where(rest & (state.arrived > 0.5), reference[0], goal)
+            still = np.logical_and.reduceat((state.arrived > 0.5) | ~rest, self._begins)  # they stop together
+            goal = np.where(rest & still.repeat(self._sizes), reference[0], goal)
         reference += (dx, after, (after - dv) / Ts)
         aims = np.where(np.isnan(goal) | mode.stays & mode.comply, commanded[0], goal + np.where(mode.comply, dx, 0.0))
         if mode.swings:
@@ -325,7 +333,7 @@ class CompliantReferences(SampledBlock):
         """
         start = commanded.copy()
         start[1:, complied] = own[1:, complied]
-        steady = np.clip(pushed / mode.damping_at(commanded[0]), mode.slowest, mode.fastest)
+        steady = np.clip(pushed / mode.admittance_at(commanded[0])[1], mode.slowest, mode.fastest)
         taken = np.clip(commanded[1], np.minimum(steady, 0.0), np.maximum(steady, 0.0))
         start[1] -= np.where(mode.stays & mode.comply & ~complied, taken, 0.0)
         return start
@@ -335,7 +343,7 @@ class CompliantReferences(SampledBlock):
     ) -> tuple[Array, Array]:
         """dx and dv after the tick, with dv within its limits."""
         Ts, most = self._period, self._period * mode.limits.acceleration
-        moved, speed = admittance_step(dx, dv, force, mode.inertia, mode.damping_at(position), Ts)
+        moved, speed = admittance_step(dx, dv, force, *mode.admittance_at(position), Ts)
         lower, upper = np.minimum(mode.slowest, dv + most), np.maximum(mode.fastest, dv - most)
         limited = np.minimum(np.maximum(speed, lower), upper)
         return moved + 0.5 * Ts * (limited - speed), limited

@@ -56,7 +56,7 @@ def test_every_coordinate_has_what_is_said_of_it_in_the_order_of_the_tasks():
     np.testing.assert_array_equal(made.damping, [35.0] * 5 + [0.3, 0.2])
     (table,) = made.tables
     assert (table.row, table.of) == (5, 4)
-    np.testing.assert_allclose(made.damping_at(np.array([0, 0, 0, 0, 0.01, 0, 0]))[5], 0.45)
+    np.testing.assert_allclose(made.admittance_at(np.array([0, 0, 0, 0, 0.01, 0, 0]))[1][5], 0.45)
     assert made.swings == [(6, 2.5, 0.026, 0.0, np.pi / 2)]
     np.testing.assert_array_equal(made.limits.velocity, [0.5] * 5 + [1.5] * 2)
     assert made.followed.all()
@@ -95,7 +95,7 @@ def test_every_coordinate_has_what_is_said_of_it_in_the_order_of_the_tasks():
             "references.peg.phi.damping_over.factor = [1.0]: must be 2 numbers",
         ),
         (
-            "{peg: {phi: {comply: true, damping_over: {coordinate: z, at: [0, 1], factor: [1, 50]}}}}",
+            "{peg: {phi: {comply: true, damping: 10}}}",
             "references.peg.phi.inertia = 0.01: must be above damping times half a tick, 0.02",
         ),
     ],

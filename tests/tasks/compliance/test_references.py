@@ -304,7 +304,7 @@ def test_switches_in_motion_keep_the_limits():
     assert (np.abs(acceleration) / limits.acceleration).max() <= 1 + 1e-9
     assert (np.abs(np.diff(acceleration, axis=0)) / limits.jerk).max() <= PERIOD * (1 + 1e-6)
     missed = np.diff(velocity, axis=0) - 0.5 * PERIOD * (acceleration[1:] + acceleration[:-1])
-    assert np.abs(missed).max() <= 0.125 * PERIOD**2 * limits.jerk.max()
+    assert np.abs(missed).max() <= 0.25 * PERIOD**2 * limits.jerk.max()  # the jerk turns round within a tick
     missed = np.diff(position, axis=0) - 0.5 * PERIOD * (velocity[1:] + velocity[:-1])
     assert np.abs(missed).max() <= PERIOD**3 * limits.jerk.max()
     assert np.abs(velocity).max() > 0.2
