@@ -187,6 +187,7 @@ class TaskProgram:
     def _calmed(self, level: Level, lower: Vector, upper: Vector) -> Level:
         """Level 1 with the accelerations beside its tasks, from the smallest ones within bounds of u."""
         hessian, gradient, J = level
+        assert J is not None
         beside = left_free(J, self._beside) if all_finite(J) else None
         if beside is None:
             return level

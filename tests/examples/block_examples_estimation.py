@@ -175,7 +175,7 @@ ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
     ],
     TaskForce: [
         Example(
-            lambda: TaskForce(two_arms(), arm_tasks(), force_dead_band=0.4, torque_dead_band=0.03),
+            lambda: TaskForce(two_arms(), arm_tasks()),
             each("task_force", *TOUCH_INPUTS) | each("task_wrench", *TOUCH_INPUTS),
             TOUCH_INPUTS,
         ),

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.batch import check
 from forcectl.framework.fields import Config, key
 from forcectl.tasks.compliance.references import DampingTable, ModeReferences, Swing
 from forcectl.tasks.coordinates import ArmTask
@@ -114,6 +115,8 @@ def mode_references(
     gains: AdmittanceGainsConfig,
     limits: MotionLimitsConfig,
     period: float,
+    force_dead_band: float = 0.0,
+    torque_dead_band: float = 0.0,
     followed: Collection[str] = (),
     key: str = "references",
 ) -> ModeReferences:
@@ -125,12 +128,14 @@ def mode_references(
         gains: where a reference says none.
         limits: of the generator.
         period: tick [s].
+        force_dead_band: of what is given way to along positions [N].
+        torque_dead_band: along angles [Nm].
         followed: names of the tasks that the mode follows; empty: all.
         key: of the references in the scenario, for messages.
 
     Raises:
         BadInputError: there is no such task or coordinate, the mode does not follow the task, a velocity is beyond the
-            limit, or the filter alone is unstable.
+            limit, a dead band is below zero, or the filter alone is unstable.
     """
     for name, said in references.items():
         if name not in tasks:
@@ -188,6 +193,11 @@ def mode_references(
         fastest=np.array([each.speed_limit[1] if each.speed_limit else np.inf for each in found]),
         inertia=inertia,
         damping=damping,
+        dead_band=_of(
+            angular,
+            check("torque_dead_band", torque_dead_band, "not negative"),
+            check("force_dead_band", force_dead_band, "not negative"),
+        ),
         hysteresis=_of(angular, gains.turn_hysteresis, gains.hysteresis),
         tables=tables,
         swings=[

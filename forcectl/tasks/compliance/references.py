@@ -6,9 +6,11 @@
 with the commanded motion x, the force F along the coordinate and a swing s. Of a coordinate that complies the generator
 goes on from its own state, the arrangement `consistent` of `forcectl.force.admittance`; of any other one from x - s.
 
-F is the given force F_m behind a play of half-width h, narrower near zero, so that no force stays none::
+F is what a dead band b leaves of the given force F_m behind a play of half-width h. Where h is wider than b, it is
+narrower near zero, so that no force stays none::
 
-    F[k] = min(max(F[k-1], F_m[k] - w), F_m[k] + w),    w = min(h, |F_m[k]|)
+    P[k] = min(max(P[k-1], F_m[k] - w), F_m[k] + w),    w = min(h, max(b, |F_m[k]|))
+    F = sign(P) max(|P| - b, 0)
 
 Noise of F_m that is smaller than h does not turn the motion round. From a force that has come to rest F differs by up
 to h.
@@ -37,6 +39,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid
+from forcectl.estimation.momentum_observer import dead_band
 from forcectl.force.admittance import admittance_step
 from forcectl.framework.batch import check_count
 from forcectl.framework.block import scratch
@@ -110,6 +113,7 @@ class ModeReferences(NamedTuple):
         force: F_bar [N or Nm].
         slowest, fastest: limits of dv [m/s or rad/s].
         inertia, damping: H and D [kg or kg m^2/rad, N s/m or Nms/rad].
+        dead_band: b [N or Nm].
         hysteresis: h [N or Nm].
         tables: of the damping.
         swings: of the coordinates that swing.
@@ -127,6 +131,7 @@ class ModeReferences(NamedTuple):
     fastest: Array
     inertia: Array
     damping: Array
+    dead_band: Array
     hysteresis: Array
     tables: Sequence[DampingTable]
     swings: Sequence[Swing]
@@ -202,7 +207,7 @@ class CompliantReferences(SampledBlock):
             raise invalid("modes", list(modes), "at least one")
         self._modes, sizes = tuple(modes), [check_count("groups", count) for count in groups]
         k = self._size = sum(sizes)
-        self._sizes, self._begins = np.array(sizes), np.cumsum(sizes) - sizes
+        self._sizes, self._begins = np.array(sizes), np.cumsum([0, *sizes[:-1]], dtype=int)
         self._nothing_felt = np.ones(k, dtype=bool), np.zeros(k), np.zeros(k)
         every = [mode.limits for mode in modes]
 
@@ -307,7 +312,7 @@ class CompliantReferences(SampledBlock):
 
     @staticmethod
     def _felt(mode: ModeReferences, last: Array, measured: Array) -> tuple[Flags, Array, Array]:
-        """Whether the force along a coordinate is known, that behind the hysteresis, and what of it is given way to.
+        """Whether the force along a coordinate is known, that behind the hysteresis, and what is given way to.
 
         The forces are 0 where a coordinate does not comply or its force is not known.
 
@@ -316,10 +321,10 @@ class CompliantReferences(SampledBlock):
             measured: as it came in.
         """
         ok = (np.abs(measured) < _LARGEST_FORCE) | ~mode.comply
-        width = np.minimum(mode.hysteresis, np.abs(measured))
+        width = np.minimum(mode.hysteresis, np.maximum(mode.dead_band, np.abs(measured)))
         followed = np.minimum(np.maximum(last, measured - width), measured + width)
         force = np.where(mode.comply & ok, followed, 0.0)
-        return ok, force, np.where(mode.comply & ok, force - mode.force, 0.0)
+        return ok, force, np.where(mode.comply & ok, dead_band(force, mode.dead_band) - mode.force, 0.0)
 
     @staticmethod
     def _taken_over(mode: ModeReferences, complied: Flags, commanded: Array, own: Array, pushed: Array) -> Array:

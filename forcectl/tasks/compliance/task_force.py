@@ -18,8 +18,6 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid, unknown
-from forcectl.estimation.momentum_observer import dead_band
-from forcectl.framework.batch import check
 from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.kernels import all_finite
 from forcectl.robot.model import RobotModel, posture_cache
@@ -41,8 +39,8 @@ class TaskForce(PythonBlock):
     estimated_wrench: shape (6a,), of the environment on each arm at its TCP in the world, [torque; force] [Nm, N].
     joint_position: shape (n,) [rad].
     task_force: shape (k,), along the coordinates of all tasks one after the other, positive where it pushes towards
-    larger values [N or Nm]. Within the dead band it is 0; beyond, what is beyond.
-    task_wrench: shape (6t,), of each of t tasks, before the dead band, [torque; force] [Nm, N]. It is at the origin of
+    larger values [N or Nm].
+    task_wrench: shape (6t,), of each of t tasks, [torque; force] [Nm, N]. It is at the origin of
     the frame that the coordinates are of, and in the axes that they are in: of an `ArmTask` the world, of a
     `RelativeTask` the leader's frame.
     All outputs are feedthrough of all inputs.
@@ -55,12 +53,10 @@ class TaskForce(PythonBlock):
     Args:
         robot: with the arms of the tasks.
         tasks: in the order of the coordinates.
-        force_dead_band: along positions [N].
-        torque_dead_band: along angles [Nm].
         of_both: whether it is that mean; else what the follower feels.
 
     Raises:
-        BadInputError: no task, a task of an arm that there is not, or a dead band below zero.
+        BadInputError: no task, or a task of an arm that there is not.
     """
 
     port_units = {"task_force": "", "task_wrench": "Nm,N"}
@@ -70,8 +66,6 @@ class TaskForce(PythonBlock):
         robot: RobotModel,
         tasks: Sequence[ArmTask],
         *,
-        force_dead_band: float = 0.0,
-        torque_dead_band: float = 0.0,
         of_both: bool = True,
     ):
         super().__init__()
@@ -83,10 +77,7 @@ class TaskForce(PythonBlock):
             for name in (task.arm, getattr(task, "leader", task.arm)):
                 if name not in self._tips:
                     raise unknown("arm", name, self._tips)
-        bands = check("force_dead_band", force_dead_band, "not negative")
-        turning = check("torque_dead_band", torque_dead_band, "not negative")
-        angular = np.concatenate([task.angular for task in tasks])
-        self._band: Array = np.where(angular, turning, bands)
+        self._size = sum(task.size for task in tasks)
         wrenches = self.DeclareVectorInputPort("estimated_wrench", 6 * len(self._tips))
         position = self.DeclareVectorInputPort("joint_position", robot.num_joints)
         self._wrenches, self._position = wrenches, position
@@ -102,17 +93,17 @@ class TaskForce(PythonBlock):
         def put(element: int) -> Any:
             return lambda context, output: output.SetFromVector(now.Eval(context)[element])
 
-        for element, (name, size) in enumerate((("task_force", len(angular)), ("task_wrench", 6 * len(tasks)))):
+        for element, (name, size) in enumerate((("task_force", self._size), ("task_wrench", 6 * len(tasks)))):
             self.DeclareVectorOutputPort(name, size, put(element), prerequisites_of_calc={now.ticket()})
 
     def _compute(self, context: Context, value: AbstractValue) -> None:
         readings = self._wrenches.Eval(context).reshape(-1, 6)
         if not all_finite(self._position.Eval(context)):
-            value.set_value((np.full(len(self._band), np.nan), np.full(6 * len(self._tasks), np.nan)))
+            value.set_value((np.full(self._size, np.nan), np.full(6 * len(self._tasks), np.nan)))
             return
         posture = self._posture.Eval(context)
         tips = {name: pose_parts(frame.CalcPoseInWorld(posture)) for name, frame in self._tips.items()}
         wrenches = dict(zip(tips, readings, strict=True))
         felt = [task.felt(tips, wrenches, of_both=self._of_both) for task in self._tasks]
         forces = [task.forces(*each) for task, each in zip(self._tasks, felt, strict=True)]
-        value.set_value((dead_band(np.concatenate(forces), self._band), np.concatenate([each[1] for each in felt])))
+        value.set_value((np.concatenate(forces), np.concatenate([each[1] for each in felt])))

@@ -129,6 +129,8 @@ class TaskMachineConfig(TaskControllerConfig):
                 gains=self.admittance,
                 limits=mode.motion_limits or self.motion_limits,
                 period=model.period,
+                force_dead_band=self.force_dead_band,
+                torque_dead_band=self.torque_dead_band,
                 followed=mode.tasks,
                 key=f"modes.{name}.references",
             )
@@ -137,13 +139,7 @@ class TaskMachineConfig(TaskControllerConfig):
         forces = None
         read = any(machine.HasInputPort(_force(name)) for name in tasks)
         if read or any(mode.comply.any() for mode in references):
-            forces = TaskForce(
-                robot,
-                list(tasks.values()),
-                force_dead_band=self.force_dead_band,
-                torque_dead_band=self.torque_dead_band,
-                of_both=self.of_both,
-            )
+            forces = TaskForce(robot, list(tasks.values()), of_both=self.of_both)
         self._check_forces(model, tasks)
         self._check_places(model, tasks)
         controller = self.made_controller(model, tasks, self.built_modes())

@@ -36,14 +36,18 @@ def read(text: str, **options: Any) -> Any:
 
 
 def test_every_coordinate_has_what_is_said_of_it_in_the_order_of_the_tasks():
-    made = read("""
+    made = read(
+        """
       peg:
         z: {velocity: -0.075}
         x: {comply: true, force: 2.0, speed_limit: [-0.03, 0.02]}
         phi: {comply: true, damping: 0.3, damping_over: {coordinate: z, at: [0.0, 0.02], factor: [2.0, 1.0]}}
         theta: {by: 0.1, swing: {amplitude: 0.026, frequency: 2.5, phase_deg: 90}}
       lead: {z: {position: 0.2}}
-    """)
+    """,
+        force_dead_band=0.4,
+        torque_dead_band=0.03,
+    )
     nan = np.nan
     np.testing.assert_array_equal(made.position, [nan, 0.2, nan, nan, nan, nan, nan])
     np.testing.assert_array_equal(made.by, [nan, nan, nan, nan, nan, nan, 0.1])
@@ -54,6 +58,7 @@ def test_every_coordinate_has_what_is_said_of_it_in_the_order_of_the_tasks():
     np.testing.assert_array_equal(made.slowest, [-np.inf, -np.inf, -0.03, *[-np.inf] * 4])
     np.testing.assert_array_equal(made.inertia, [0.4] * 5 + [0.01] * 2)
     np.testing.assert_array_equal(made.damping, [35.0] * 5 + [0.3, 0.2])
+    np.testing.assert_array_equal(made.dead_band, [0.4] * 5 + [0.03] * 2)
     (table,) = made.tables
     assert (table.row, table.of) == (5, 4)
     np.testing.assert_allclose(made.admittance_at(np.array([0, 0, 0, 0, 0.01, 0, 0]))[1][5], 0.45)

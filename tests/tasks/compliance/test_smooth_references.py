@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from forcectl.tasks.compliance.parts import DampingOverConfig
+from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, DampingOverConfig
 from tests.tasks.compliance.test_references import PHI, Loop, Z, mode
 
 
@@ -29,3 +29,18 @@ def test_a_task_that_stops_stays_on_its_path():
         loop.tick(1)
         np.testing.assert_allclose(loop.motion[1], loop.motion[1][Z] / begin[Z] * begin, atol=1e-9)
     assert np.abs(loop.motion[1]).max() < 1e-12
+
+
+def test_noise_near_the_dead_band_is_within_the_hysteresis_as_well():
+    """With the play behind the dead band there was none of it where little is left of the force."""
+    gains = AdmittanceGainsConfig(hysteresis=0.15)
+    loop = Loop([mode({"z": {"comply": True}}, gains=gains, force_dead_band=0.4)])
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        loop.tick(force=np.eye(7)[Z] * (0.6 + 0.14 * rng.uniform(-1, 1)))
+    change = np.diff([each[Z] for each in loop.seen["task_velocity_reference"]])
+    assert (change > -1e-12).all()
+    assert loop.motion[1][Z] > 0.0
+    for _ in range(200):
+        loop.tick(force=np.eye(7)[Z] * 0.1)
+    assert loop.motion[1][Z] == pytest.approx(0.0, abs=1e-6)

@@ -104,15 +104,6 @@ def test_errors_of_one_arm_are_halved_or_those_of_the_follower_alone():
     assert not evaluated(alone, q, error, none)[0].any()
 
 
-def test_dead_bands_are_of_what_the_coordinate_is_and_not_of_the_wrench():
-    task = ArmTask("right", SIX, RotationVector(at(two_arms().parameters.default_posture).arm("right").rotation))
-    block = TaskForce(two_arms(), [task], force_dead_band=0.4, torque_dead_band=0.03)
-    felt = np.array([0.02, -0.05, 0.03, 0.3, -1.0, 0.4])
-    force, wrench = evaluated(block, two_arms().parameters.default_posture, np.zeros(6), felt)
-    np.testing.assert_allclose(force, [0.0, -0.6, 0.0, 0.0, -0.02, 0.0], atol=1e-12)
-    np.testing.assert_array_equal(wrench, felt)
-
-
 def test_readings_that_are_no_numbers_say_so():
     q, bad = two_arms().parameters.default_posture, np.array([np.nan, 0, 0, 0, 0, 0])
     block = TaskForce(two_arms(), [ArmTask("left", SIX[:3]), relative(SIX, WRITINGS[0])])
@@ -125,18 +116,16 @@ def test_readings_that_are_no_numbers_say_so():
 
 
 @pytest.mark.parametrize(
-    ("tasks", "options", "told"),
+    ("tasks", "told"),
     [
-        ([], {}, "tasks"),
-        ([ArmTask("middle", ["x"])], {}, "unknown arm 'middle'"),
-        ([RelativeTask("middle", "left", ["x"])], {}, "unknown arm 'middle'"),
-        ([ArmTask("left", ["x"])], {"force_dead_band": -1.0}, "force_dead_band"),
-        ([ArmTask("left", ["x"])], {"torque_dead_band": np.nan}, "torque_dead_band"),
+        ([], "tasks"),
+        ([ArmTask("middle", ["x"])], "unknown arm 'middle'"),
+        ([RelativeTask("middle", "left", ["x"])], "unknown arm 'middle'"),
     ],
 )
-def test_bad_input_is_named(tasks, options, told):
+def test_bad_input_is_named(tasks, told):
     with pytest.raises(BadInputError, match=told):
-        TaskForce(two_arms(), tasks, **options)
+        TaskForce(two_arms(), tasks)
 
 
 @pytest.mark.parametrize("away", [1.0, 1e-2, 1e-6, 0.0])
