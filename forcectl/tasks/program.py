@@ -7,8 +7,9 @@
 The damping makes the optimum unique. It is small (a task moves 0.1 % slower where its singular value is 0.3) except
 near a singular posture of the first level, where it grows as in a damped inverse. u_rest = -q'/Ts is rest at the next
 tick. N u changes nothing of the optimum but where a row binds: what an arm would have to swing about its hand for, the
-hand gives way to. u_calm is the u nearest to zero within the bounds. Where level 1 settles the criterion as well there
-is no such term, see `TaskProgram.pose`.
+hand gives way to. N u_calm is that of the tick before, on its way to zero as fast as half of the change allows that u
+may have. There is no such term while what moves beside the tasks brakes, nor where level 1 settles the criterion as
+well, see `TaskProgram.pose`.
 
 Rows of the joint torques are in the programs only in ticks in which an answer without them exceeds a limit.
 """
@@ -25,7 +26,7 @@ from pydrake.solvers import MathematicalProgram
 from scipy.linalg.lapack import dsyev
 
 from forcectl.errors import BadInputError
-from forcectl.framework.kernels import all_finite, is_definite, left_free
+from forcectl.framework.kernels import all_finite, is_definite, left_free, smallest
 from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem, Smooth
 from forcectl.qp.prioritized_program import Level
 from forcectl.qp.solvers import Solver
@@ -38,6 +39,8 @@ from forcectl.tasks.null_space import AnyCriterion, JointSpeed, stepped
 Vector = NDArray[np.float64]
 
 _NO_MEMORY = np.zeros(0)
+_CALMING = 0.5  # of the change of u that is allowed, the other half is left to the tasks
+_TINY = 1e-12  # [rad/s^2]
 _LEAST_DAMPING = 1e-4
 _DAMPING = 0.05  # lambda_max of the damped inverse [1]
 _SINGULAR = 0.05  # smallest singular value of the tasks, with lengths in characteristic lengths, that is undamped [1]
@@ -179,20 +182,27 @@ class TaskProgram:
             found.append(Level(hessian + damping * self._eye, gradient + damping * rest, J))
             damping = _LEAST_DAMPING
         if not self._settled and self._beside.size:
-            found[0] = self._calmed(found[0], *((rows.lower, rows.upper) if smooth is None else smooth[:2]))
+            found[0] = self._calmed(found[0], motion.v, smooth)
         cost, memory = self._last_level(motion, self._period, memory)
         problem = Problem(motion, rows, [*found, Level(*cost)], settled=self._settled, smooth=smooth)
         return Posed(problem, near > 0.0, memory)
 
-    def _calmed(self, level: Level, lower: Vector, upper: Vector) -> Level:
-        """Level 1 with the accelerations beside its tasks, from the smallest ones within bounds of u."""
+    def _calmed(self, level: Level, v: Vector, smooth: Smooth | None) -> Level:
+        """Level 1 with the accelerations beside its tasks, from those of the tick before on their way to zero."""
         hessian, gradient, J = level
         assert J is not None
-        beside = left_free(J, self._beside) if all_finite(J) else None
-        if beside is None:
+        free = left_free(J, self._beside) if all_finite(J) else None
+        if free is None:
             return level
-        share, calm = beside @ beside.T, np.minimum(np.maximum(lower, 0.0), upper)
-        return Level(hessian + share, gradient - share @ calm, J)
+        share = free @ free.T
+        if smooth is not None:
+            before = share @ smooth.last
+            if before @ v < 0.0:  # what brakes costs nothing
+                return level
+            room = np.where(before > 0.0, smooth.last - smooth.lower, smooth.upper - smooth.last)
+            least = smallest(room / np.maximum(np.abs(before), _TINY))
+            gradient = gradient - (1.0 - min(max(_CALMING * least, 0.0), 1.0)) * before
+        return Level(hessian + share, gradient, J)
 
     def solve(self, posed: Posed) -> Outcome:
         """The optimum, the nearest to it, or braking."""
