@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from collections.abc import Callable
@@ -95,6 +96,10 @@ def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
     """
     # NumPy's remarks on overflow would come before the one line that says which signal diverges, and when.
     warnings.simplefilter("ignore", RuntimeWarning)
+    try:
+        os.getcwd()
+    except OSError:
+        return _complain("the working directory is gone: must be one that exists", 2)
     try:
         check_memory()
         return _commands()(standalone_mode=False, prog_name="forcectl") or 0

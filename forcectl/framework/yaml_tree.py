@@ -9,13 +9,14 @@ on as it is and never copied. A mapping merged on top of an object holds the cha
 
 from __future__ import annotations
 
+import errno
 import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from enum import Enum
 from functools import lru_cache
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any, cast
 
 import yaml
@@ -166,6 +167,19 @@ _Dumper.add_representer(
 )
 
 
+def read_text(path: Path) -> str:
+    """The text of a YAML file; of one that is too long as much as `parse` needs to refuse it.
+
+    Raises:
+        OSError: it cannot be read, or is no file: a pipe would be waited for, and a device has no end.
+        UnicodeDecodeError: it is not UTF-8.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "is no file", str(path))
+    with path.open(encoding="utf-8") as file:
+        return file.read(_MOST_CHARACTERS + 1)
+
+
 def parse(text: str, origin: str) -> Tree:
     """The tree of a YAML text; `origin` is a file name or an option, for messages.
 
@@ -184,7 +198,7 @@ def parse(text: str, origin: str) -> Tree:
 @lru_cache(maxsize=64)
 def _read(text: str, origin: str) -> Tree:
     if len(text) > _MOST_CHARACTERS:
-        raise BadInputError(f"{origin}: not usable: {len(text)} characters: must be at most {_MOST_CHARACTERS}")
+        raise BadInputError(f"{origin}: not usable: more than {_MOST_CHARACTERS} characters")
     try:
         count, depth = _written(text)
         if count > _MOST_VALUES:

@@ -11,7 +11,7 @@ from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key
 from forcectl.framework.imports import allowed_names, settings_file
 from forcectl.framework.reader import Reader
-from forcectl.framework.yaml_tree import Tagged, parse, place
+from forcectl.framework.yaml_tree import Tagged, parse, place, read_text
 
 
 @dataclass(kw_only=True)
@@ -35,7 +35,7 @@ def user_settings() -> UserSettings:
     if not file.is_file():
         return UserSettings()
     try:
-        text = file.read_text(encoding="utf-8")
+        text = read_text(file)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise BadInputError(f"cannot read settings file {str(file)!r}: {reason}") from None

@@ -12,7 +12,7 @@ from typing import Any
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.fields import Config, key
-from forcectl.framework.yaml_tree import Tagged, parse, place, plain
+from forcectl.framework.yaml_tree import Tagged, parse, place, plain, read_text
 from forcectl.runs.chosen import overlap
 from forcectl.scenario.catalog import ScenarioFile, experiments_folder, list_experiments
 from forcectl.scenario.layers import check_different, check_names
@@ -212,7 +212,7 @@ def read_sweep(sweep: str | Path | Mapping[str, Any] | SweepConfig) -> SweepFile
         name, folder, origin = path.stem, path.parent, path.name
         modules = folder.resolve()
         try:
-            tree = parse(path.read_text(encoding="utf-8"), path.name)
+            tree = parse(read_text(path), path.name)
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
             raise BadInputError(f"cannot read sweep file {str(path)!r}: {reason}") from None

@@ -64,3 +64,11 @@ def test_a_name_too_long_for_a_file_is_one_line(forcectl, arguments):
     assert (code, said.count("\n")) == (2, 1)
     assert said.startswith("error: ")
     assert len(said) < 1200
+
+
+def test_a_working_directory_that_was_removed_is_named(forcectl, tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    for command in (("check", "fig_2_7"), ("list",), ("run", "fig_2_7")):
+        assert forcectl(*command) == (2, "", "error: the working directory is gone: must be one that exists\n")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 
@@ -196,6 +198,17 @@ def test_a_scenario_tells_file_and_line_of_the_robots_mistake(forcectl, tmp_path
 def test_a_file_that_is_not_a_mapping_is_refused(tmp_path):
     with pytest.raises(BadInputError, match=r"planar\.control\.yaml"):
         load_control_parameters(write_planar_robot(tmp_path, "[1, 2]"))
+
+
+def test_a_pipe_or_device_is_refused_not_waited_for(tmp_path):
+    folder = write_planar_robot(tmp_path / "robot")
+    file = folder / "planar.control.yaml"
+    for make in (os.mkfifo, lambda path: path.symlink_to("/dev/zero")):
+        file.unlink()
+        make(file)
+        with pytest.raises(BadInputError, match=r"^planar\.control\.yaml: cannot be read: .*is no file") as caught:
+            load_control_parameters(folder)
+        assert "\n" not in str(caught.value)
 
 
 def test_a_folder_without_or_with_two_parameters_files_is_refused(tmp_path):
