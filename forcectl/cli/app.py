@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import warnings
@@ -121,6 +122,11 @@ def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
             raise
         sys.stderr.close()
         return 1
+    except OSError as error:
+        if error.errno != errno.ENOSPC or error.filename is not None:
+            raise
+        look(error)
+        return _complain(f"the output of this command cannot be written: {error.strerror}", 1)
 
 
 def _complain(text: str, code: int) -> int:

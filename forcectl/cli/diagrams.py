@@ -57,17 +57,20 @@ def graph(
         raise BadInputError(f"--format {chosen}: must be that of --out {str(out)!r}, or be left out")
     shown = (named_machine if machine else named_diagram)(scenario, variant, settings, fidelity, allow_imports)
     target = out or Path(f"{shown.name}.{'mmd' if chosen == 'mermaid' else chosen}")
-    partial = target.with_name(f".partial-{target.name}")
+    device = target.exists() and not target.is_file()  # written to, never replaced by a file
+    partial = target if device else target.with_name(f".partial-{target.name}")
     with Interrupts():
         try:
             title = ", ".join(filter(None, (shown.name, variant)))
             export.graph(shown.content, depth=depth, title=title).save(partial, chosen)
-            partial.replace(target)
+            if not device:
+                partial.replace(target)
         except OSError as error:
             raise BadInputError(f"--out {str(target)!r} cannot be written: {error.strerror}") from None
         finally:
-            with contextlib.suppress(OSError):
-                partial.unlink(missing_ok=True)
+            if not device:
+                with contextlib.suppress(OSError):
+                    partial.unlink(missing_ok=True)
     for line in shown.code:
         typer.echo(line)
     typer.echo(f"wrote {target}")

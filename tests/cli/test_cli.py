@@ -238,6 +238,15 @@ def broken():
 """
 
 
+def test_graph_writes_into_a_pipe_or_device_and_never_in_its_place(forcectl, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    assert forcectl("graph", "fig_2_7", "--format", "mermaid", "--out", "pipe")[0] == 0
+    assert os.read(reader, 100_000).startswith(b"flowchart")
+    os.close(reader)
+    assert (tmp_path / "pipe").is_fifo()
+
+
 def test_graph_and_check_take_a_diagram_of_the_users_own(forcectl, tmp_path):
     (tmp_path / "own_diagrams.py").write_text(OWN)
     assert forcectl("graph", "own_diagrams:sound", "--format", "dot")[0] == 0

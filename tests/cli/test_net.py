@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 
 
@@ -72,3 +75,11 @@ def test_a_working_directory_that_was_removed_is_named(forcectl, tmp_path, monke
     (tmp_path / "gone").rmdir()
     for command in (("check", "fig_2_7"), ("list",), ("run", "fig_2_7")):
         assert forcectl(*command) == (2, "", "error: the working directory is gone: must be one that exists\n")
+
+
+def test_output_that_there_is_no_room_for_is_one_line(tmp_path):
+    command = [sys.executable, "-m", "forcectl", "explain"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "error: the output of this command cannot be written: No space left on device\n"
