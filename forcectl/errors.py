@@ -68,7 +68,11 @@ def show(value: object) -> str:
 
 def one_line(error: BaseException, longest: int | None = None) -> str:
     """The class and the text of an exception that is not ours, in one line of at most so many characters, if given."""
-    text = " ".join(f"{type(error).__name__}: {error}".split())
+    try:
+        text = str(error)
+    except Exception as another:  # of a class of the user's
+        text = f"its text raises {type(another).__name__}"
+    text = " ".join(f"{type(error).__name__}: {text}".split())
     return text if longest is None or len(text) <= longest else f"{text[:longest]}..."
 
 

@@ -6,7 +6,7 @@ import pickle
 
 import pytest
 
-from forcectl.errors import BadInputError, about, invalid, parts_of, show, unknown
+from forcectl.errors import BadInputError, about, invalid, one_line, parts_of, show, unknown
 
 
 def test_a_value_that_is_not_allowed():
@@ -66,6 +66,14 @@ def test_the_middle_of_a_long_value_is_left_out():
     assert len(text) == 60
     assert text.startswith("[0.0, 1.0")
     assert text.endswith("999.0]")
+
+
+def test_an_exception_of_the_users_whose_text_fails_is_still_one_line():
+    class OddError(Exception):
+        def __str__(self):
+            raise LookupError("no text")
+
+    assert one_line(OddError()) == "OddError: its text raises LookupError"
 
 
 def test_the_parts_at_work_are_known_innermost_first():

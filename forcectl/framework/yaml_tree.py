@@ -9,23 +9,24 @@ on as it is and never copied. A mapping merged on top of an object holds the cha
 
 from __future__ import annotations
 
-import errno
 import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from enum import Enum
 from functools import lru_cache
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any, cast
 
 import yaml
 
 from forcectl.errors import BadInputError
+from forcectl.framework.files.text_file import MOST_CHARACTERS
 from forcectl.framework.files.yaml_places import ZeroBeforeError, places
 
-_MOST_VALUES, _MOST_CHARACTERS = 100_000, 500_000  # in one text
+_MOST_VALUES = 100_000  # in one text
 _SHALLOW = 100  # levels
+_MERGE = "tag:yaml.org,2002:merge"
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")  # what no file of a run could hold
 
 Tree = Any  # a Tagged mapping, a list of trees, a scalar or an object
@@ -59,14 +60,17 @@ class _Loader(yaml.SafeLoader):
     def __init__(self, text: str):
         super().__init__(text)
         self._merging: list[yaml.MappingNode] = []
+        self._merged = 0  # keys of all mappings that others are merged into
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         if any(node is one for one in self._merging):
             raise _refusal(node, "a mapping is merged into itself")
         self._merging.append(node)
+        merges = any(key.tag == _MERGE for key, _ in node.value)
         super().flatten_mapping(node)
         self._merging.pop()
-        if len(node.value) > _MOST_VALUES:  # mappings that merge each other many times make a short text unfold
+        self._merged += len(node.value) * merges
+        if self._merged > _MOST_VALUES:  # mappings that merge each other many times make a short text unfold
             raise _refusal(node, f"more than {_MOST_VALUES} keys are merged")
 
 
@@ -99,7 +103,7 @@ for _class in (_Loader, _Dumper):
     _class.yaml_implicit_resolvers = {}
     for _name, _pattern, _first in _SCALARS:
         _class.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", _pattern, _first)
-    _class.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^(?:<<)$"), ["<"])
+    _class.add_implicit_resolver(_MERGE, re.compile(r"^(?:<<)$"), ["<"])
 _PLAIN = ("null", "bool", "int", "float", "str", "seq", "map")  # tags of YAML's own that stand for parts of a tree
 _Loader.yaml_constructors = {
     tag: construct
@@ -167,19 +171,6 @@ _Dumper.add_representer(
 )
 
 
-def read_text(path: Path) -> str:
-    """The text of a YAML file; of one that is too long as much as `parse` needs to refuse it.
-
-    Raises:
-        OSError: it cannot be read, or is no file: a pipe would be waited for, and a device has no end.
-        UnicodeDecodeError: it is not UTF-8.
-    """
-    if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "is no file", str(path))
-    with path.open(encoding="utf-8") as file:
-        return file.read(_MOST_CHARACTERS + 1)
-
-
 def parse(text: str, origin: str) -> Tree:
     """The tree of a YAML text; `origin` is a file name or an option, for messages.
 
@@ -197,8 +188,8 @@ def parse(text: str, origin: str) -> Tree:
 
 @lru_cache(maxsize=64)
 def _read(text: str, origin: str) -> Tree:
-    if len(text) > _MOST_CHARACTERS:
-        raise BadInputError(f"{origin}: not usable: more than {_MOST_CHARACTERS} characters")
+    if len(text) > MOST_CHARACTERS:
+        raise BadInputError(f"{origin}: not usable: more than {MOST_CHARACTERS} characters")
     try:
         count, depth = _written(text)
         if count > _MOST_VALUES:

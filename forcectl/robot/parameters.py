@@ -18,8 +18,9 @@ import numpy as np
 
 from forcectl.errors import BadInputError, invalid, invalid_entries, unknown
 from forcectl.framework.fields import Config, key, key_of, typed_fields
+from forcectl.framework.files.text_file import yaml_text
 from forcectl.framework.reader import Reader
-from forcectl.framework.yaml_tree import Tagged, parse, place, read_text
+from forcectl.framework.yaml_tree import Tagged, parse, place
 from forcectl.models import ROBOT_PARAMETERS, TOOL_PARAMETERS, parameter_file
 from forcectl.robot.ranges import GEAR_RATIO
 from forcectl.robot.urdf import read_urdf
@@ -281,7 +282,7 @@ def load_tool_parameters(folder: Path) -> ToolParameters:
 def read_keys(file: Path) -> Tagged:
     """What a file of parameters holds, unchecked; an empty one has no keys, and BadInputError tells what is no YAML."""
     try:
-        tree = parse(read_text(file), file.name)
+        tree = parse(yaml_text(file), file.name)
     except (OSError, UnicodeDecodeError) as error:
         raise BadInputError(f"{file.name}: cannot be read: {' '.join(str(error).split())}") from None
     if not isinstance(tree, Tagged | None):

@@ -16,8 +16,9 @@ from typing import Any
 
 from forcectl import experiments
 from forcectl.errors import BadInputError, show, unknown
+from forcectl.framework.files.text_file import yaml_text
 from forcectl.framework.imports import Imports
-from forcectl.framework.yaml_tree import Tagged, parse, place, read_text
+from forcectl.framework.yaml_tree import Tagged, parse, place
 from forcectl.models import list_robots, list_tools
 
 _INVARIANCE = "forcectl.force.invariance"
@@ -346,7 +347,7 @@ def read_scenario(path: Path, name: str) -> ScenarioFile:
         BadInputError: the file cannot be read or is not a YAML mapping.
     """
     try:
-        text = read_text(path)
+        text = yaml_text(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise BadInputError(f"cannot read scenario file {str(path)!r}: {reason}") from None

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key
+from forcectl.framework.files.text_file import yaml_text
 from forcectl.framework.imports import allowed_names, settings_file
 from forcectl.framework.reader import Reader
-from forcectl.framework.yaml_tree import Tagged, parse, place, read_text
+from forcectl.framework.yaml_tree import Tagged, parse, place
 
 
 @dataclass(kw_only=True)
@@ -35,7 +36,7 @@ def user_settings() -> UserSettings:
     if not file.is_file():
         return UserSettings()
     try:
-        text = read_text(file)
+        text = yaml_text(file)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise BadInputError(f"cannot read settings file {str(file)!r}: {reason}") from None

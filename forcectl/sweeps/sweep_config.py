@@ -12,7 +12,8 @@ from typing import Any
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.fields import Config, key
-from forcectl.framework.yaml_tree import Tagged, parse, place, plain, read_text
+from forcectl.framework.files.text_file import yaml_text
+from forcectl.framework.yaml_tree import Tagged, parse, place, plain
 from forcectl.runs.chosen import overlap
 from forcectl.scenario.catalog import ScenarioFile, experiments_folder, list_experiments
 from forcectl.scenario.layers import check_different, check_names
@@ -212,7 +213,7 @@ def read_sweep(sweep: str | Path | Mapping[str, Any] | SweepConfig) -> SweepFile
         name, folder, origin = path.stem, path.parent, path.name
         modules = folder.resolve()
         try:
-            tree = parse(read_text(path), path.name)
+            tree = parse(yaml_text(path), path.name)
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
             raise BadInputError(f"cannot read sweep file {str(path)!r}: {reason}") from None

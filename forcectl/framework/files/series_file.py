@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.errors import BadInputError, invalid, show
+from forcectl.framework.files.text_file import table_text
 
 Array = NDArray[np.float64]
 
@@ -24,9 +25,9 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
     if not file.is_file():
         raise invalid("path", path, f"an existing CSV file with the columns {along} and {value}")
     try:
-        text = file.read_text(encoding="utf-8-sig")  # spreadsheets put a byte order mark in front
+        text = table_text(file)
     except (OSError, UnicodeDecodeError):
-        raise invalid("path", path, "a readable CSV file in UTF-8") from None
+        raise invalid("path", path, "a readable CSV file in UTF-8, of up to 1 GB") from None
     table = csv.DictReader(text.splitlines(), skipinitialspace=True)
     columns = [name for name in table.fieldnames or () if name]
     if twice := next((name for name in columns if columns.count(name) > 1), None):

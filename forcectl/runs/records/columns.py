@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.errors import BadInputError, show, unknown
+from forcectl.framework.files.text_file import table_text
 
 Array = NDArray[np.float64]
 
@@ -104,7 +105,7 @@ def _key(name: str) -> str:
 
 def _read_csv(path: Path) -> Columns:
     try:
-        text = path.read_text(encoding="utf-8-sig")  # spreadsheets put a byte order mark in front
+        text = table_text(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise BadInputError(f"cannot read {path.name}: {reason}") from None

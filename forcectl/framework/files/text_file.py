@@ -1,0 +1,34 @@
+"""Text of files that a user names, none of which is read without an end."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+MOST_CHARACTERS = 500_000  # of a YAML file
+_LARGEST_TABLE = 1_000_000_000  # [bytes]
+
+
+def yaml_text(path: Path) -> str:
+    """The text of a YAML file; of one that is too long one character more than it may have.
+
+    Raises:
+        OSError: it cannot be read, or is no file: a pipe would be waited for, and a device has no end.
+        UnicodeDecodeError: it is not UTF-8.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "is no file", str(path))
+    with path.open(encoding="utf-8") as file:
+        return file.read(MOST_CHARACTERS + 1)
+
+
+def table_text(path: Path) -> str:
+    """The text of a CSV file.
+
+    Raises:
+        OSError: it cannot be read, or has more than 1 GB.
+        UnicodeDecodeError: it is not UTF-8.
+    """
+    if path.stat().st_size > _LARGEST_TABLE:
+        raise OSError(errno.EFBIG, "it has more than 1 GB", str(path))
+    return path.read_text(encoding="utf-8-sig")  # spreadsheets put a byte order mark in front
