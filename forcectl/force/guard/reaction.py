@@ -76,7 +76,7 @@ def decide(
     finite = all(abs(value) < math.inf for value in wanted)
     if reaction in (Reaction.PASS, Reaction.HOLD, Reaction.SLOW):
         before = reaction
-        reaction, cause = _react(fault, finite, reaction, cause, creeps, steps.away)
+        reaction, cause = _react(fault, fast > 0.0, finite, reaction, cause, creeps, steps.away)
         since = since + 1.0 if reaction == before else 0.0
         held = held + 1.0 if reaction == Reaction.HOLD else max(held - _RECOVERY, 0.0)
         retreats += float(fault == Cause.FORCE)
@@ -106,9 +106,11 @@ def decide(
     return [time, reaction, cause, since, retreats, held, gone, quick], command, shift
 
 
-def _react(fault: float, finite: bool, reaction: float, cause: float, creeps: bool, away: bool) -> tuple[float, float]:
+def _react(
+    fault: float, fast: bool, finite: bool, reaction: float, cause: float, creeps: bool, away: bool
+) -> tuple[float, float]:
     """Reaction and cause from those of the tick before, while the guard passes, holds or slows down."""
-    if fault in _AT_ONCE and away:
+    if (fault in _AT_ONCE or fast) and away:
         return Reaction.RETREAT, fault
     if fault or not finite:
         return Reaction.HOLD, cause if reaction == Reaction.HOLD else fault or Cause.COMMAND

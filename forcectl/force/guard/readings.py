@@ -173,6 +173,10 @@ def read(
         or ((good > 0.0 or same > limits.repeats) and (anchor - depth > limits.deeper or blind > limits.force))
     ):
         fault = Cause.FROZEN
+        # One that has never shown a force is not waited for where the way of the command is worth too much.
+        way = (zero - depth) / limits.compliance
+        if asked > 0.0 and way > limits.force and good < limits.response * way:
+            fast = limits.compliance * (way - aim)
     elif asked > 0.0 and worth > limits.force and good < limits.response * worth:
         fault = Cause.RESPONSE
     elif missed or estimate < limits.lowest:

@@ -298,10 +298,16 @@ def test_a_dead_sensor_is_held_by_the_way_that_it_does_not_show(law, stiffness, 
     faults = [ForceFaultConfig(kind="frozen", start=start) if start else ForceFaultConfig(kind="value", value=0.0)]
     sensors = {"force": WristForceConfig(faults=faults)}
     station = {"fidelity": "OneDimensional", "environment": {"stiffness": stiffness}, "sensors": sensors}
-    changes = {"reference": {"force": 10.0}, "guard": GuardConfig(maximum_force=14.0)}
-    run = outcome(law, 0.5, station=station, **changes)
+    run = outcome(law, 0.5, station=station, reference={"force": 10.0}, guard=GuardConfig(maximum_force=14.0))
     assert signal(run, "contact_force").max() < 1.2 * 14.0
     assert signal(run, "status")[-1] // 10 % 10 == 2
+
+
+def test_a_sensor_that_is_dead_from_the_start_is_retreated_from_at_once():
+    """The first command of this law alone is worth more than is allowed: held for `patience` it came to 40 N."""
+    run = outcome(fc.force.GovernedConfig(), 0.4, [{"kind": "value", "value": 0.0}], guard={"maximum_force": 20.0})
+    assert signal(run, "contact_force").max() < 1.2 * 20.0
+    assert set(signal(run, "status")) == {0, RETREAT + 20, STOP + 20}
 
 
 def test_readings_in_coarse_steps_are_no_frozen_sensor():
