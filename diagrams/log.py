@@ -94,9 +94,10 @@ def add_log(
         BadInputError: a port has a name that no variable of a log can have.
     """
     for name, port in ports.items():
-        if not name.isprintable() or "/" in name or name in _COORDINATES or not name.strip():
+        taken = (*_COORDINATES, ".")  # which is the file itself
+        if not name.isprintable() or "/" in name or name in taken or not name.strip():
             block = port.get_system().get_name()
-            allowed = f"printable characters without '/', and not one of {', '.join(_COORDINATES)}"
+            allowed = f"printable characters without '/', and not one of {', '.join(taken)}"
             raise BadInputError(f"block {block!r}: output port {show(name)}: a name to be logged must be {allowed}")
     multiplexer = builder.AddNamedSystem("log_signals", Multiplexer([port.size() for port in ports.values()]))
     signals, row = {}, 0

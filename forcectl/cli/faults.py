@@ -21,7 +21,7 @@ from forcectl.cli.options import (
     echo_json,
     terminal,
 )
-from forcectl.interrupts import Interrupts
+from forcectl.interrupts import Interrupts, say_when_interrupted
 
 
 def faults(
@@ -38,7 +38,10 @@ def faults(
     seed: Seed = None,
     fidelity: Fidelity = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Keep logs, faults.md and faults.json there; default: nothing.")
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Keep logs, faults.md and faults.json there, to go on with; default: nothing."
+        ),
     ] = None,
     workers: Workers = None,
     allow_imports: AllowImports = None,
@@ -57,6 +60,8 @@ def faults(
     from forcectl.sweeps.faults.tables import as_json as told
     from forcectl.sweeps.faults.tables import markdown, table
 
+    if out is not None:
+        say_when_interrupted(f"stopped; the same command goes on in {out}")
     with Interrupts() as interrupts:
         report = try_faults(
             scenario,

@@ -128,6 +128,12 @@ def test_what_a_law_needs_not_it_needs_not_within_others(tag: str, keys: dict[st
     fc.build(scenario(controller=Tagged(keys, tag)))
 
 
+@pytest.mark.parametrize("name", ["a/b", ".", "time", "x\ny"])
+def test_an_output_whose_name_no_log_can_hold_is_refused_before_the_run(name: str) -> None:
+    told = refusal(scenario(estimators={"mine": Part({"measured_force": 1}, {name: 1})}))
+    assert "a name to be logged must be printable characters without '/', and not one of time, variant, ." in told
+
+
 def test_an_input_of_a_reference_is_the_signal_of_its_name() -> None:
     reference = Part({"own_signal": 2}, {"desired_force": 1, "sum_of_inputs": 1})
     diagram = fc.run(scenario(reference=reference, **OWN)).diagram

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,7 +20,7 @@ from forcectl.scenario.trees import to_tree
 from forcectl.sweeps.at_work import SweepProgress
 from forcectl.sweeps.faults.declared import SOUND, Changes, DeclaredFault, changes_of, chosen
 from forcectl.sweeps.faults.response import Response, response_of
-from forcectl.sweeps.results import Results, identity_of
+from forcectl.sweeps.results import IDENTITY, Results, identity_of
 from forcectl.sweeps.run_sweep import sweep
 from forcectl.sweeps.sweep_config import SweepConfig
 
@@ -75,7 +76,7 @@ def try_faults(
         overrides: dotted key -> value on top of everything.
         seed, fidelity: short for the overrides of `seed` and `station.fidelity`.
         begin: of the faults, to the next tick [s]; None: half of the duration.
-        out: directory of the sweep; None keeps the table only.
+        out: directory of the sweep, gone on with where this one was interrupted; None keeps the table only.
         engine, workers: see `sweep`.
         allow_imports: names of modules that the scenario may name.
         progress: called now and then.
@@ -126,6 +127,7 @@ def try_faults(
         sweep(
             config,
             out=folder,
+            resume=os.path.isfile(folder / IDENTITY),  # of another scenario or other faults it is refused
             engine=engine,
             workers=workers,
             allow_imports=allow_imports,
