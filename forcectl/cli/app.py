@@ -97,6 +97,7 @@ def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
     """
     # NumPy's remarks on overflow would come before the one line that says which signal diverges, and when.
     warnings.simplefilter("ignore", RuntimeWarning)
+    warnings.filterwarnings("ignore", "Glyph .* missing from font")  # an empty box in the figure
     try:
         os.getcwd()
     except OSError:

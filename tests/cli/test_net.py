@@ -69,6 +69,12 @@ def test_a_name_too_long_for_a_file_is_one_line(forcectl, arguments):
     assert len(said) < 1200
 
 
+def test_a_title_beyond_the_fonts_of_figures_is_no_page_of_warnings(forcectl, recwarn):
+    run = ("run", "fig_2_7", "--variant", "K_I = 1.5 1/s", "--fidelity", "OneDimensional", "--set", "duration=0.02")
+    assert forcectl(*run, "--set", "title=力")[0] == 0
+    assert not [each for each in recwarn if "Glyph" in str(each.message)]
+
+
 def test_a_working_directory_that_was_removed_is_named(forcectl, tmp_path, monkeypatch):
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
