@@ -328,50 +328,6 @@ def test_energy_that_goes_into_a_surface_is_bounded(energy, status):
     assert set(signal(run, "status")) - {STOP + 80} == {0, status}
 
 
-def test_an_approach_that_no_retreat_can_turn_round_is_refused():
-    base = {"station": {"fidelity": "OneDimensional", "environment": {"stiffness": 1e5, "surface": {"gap": 5e-3}}}}
-    law = fc.force.ApproachConfig(speed=0.05)
-    known = {"maximum_force": 20.0, "stiffness_margin": 1.0}
-    with pytest.raises(
-        BadInputError,
-        match=r"controller.speed = 0.05 m/s: the first touch comes to 49.5 N on 1e.05 N/m: must be at most 0.0202",
-    ):
-        build(load_scenario(base | {"controller": law, "guard": known}))
-    build(load_scenario(base | {"controller": law, "guard": known | {"maximum_force": 52.0}}))
-    with pytest.raises(
-        BadInputError,
-        match=r"to 155 N on 1e.06 N/m, 10 times the model's \(guard.stiffness_margin\): must be at most 0.0201 m/s",
-    ):
-        build(load_scenario(base | {"controller": law, "guard": {"maximum_force": 52.0}}))
-
-
-@pytest.mark.parametrize(
-    ("fidelity", "stiffness", "speed"), [("OneDimensional", 1e5, 0.030), ("Multibody", 1e4, 0.106)]
-)
-def test_at_the_largest_speed_that_is_admitted_the_first_touch_stays_below_the_largest_force(
-    fidelity, stiffness, speed
-):
-    gap = 0.4 * speed
-    station = {"fidelity": fidelity, "environment": {"stiffness": stiffness, "surface": {"gap": gap}}}
-    guard = GuardConfig(maximum_force=30.0, stiffness_margin=1.0)
-    run = outcome(fc.force.ApproachConfig(speed=speed), 0.85, station=station, guard=guard)
-    assert 20.0 < signal(run, "contact_force").max() < 30.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fidelity", ["OneDimensional", "Multibody"])
-@pytest.mark.parametrize(("believed", "speed"), [(3e3, 0.057), (1e4, 0.036), (1e5, 0.0115)])
-def test_a_surface_ten_times_as_stiff_is_touched_with_little_more_than_the_largest_force(fidelity, believed, speed):
-    """At the largest speed that is admitted."""
-    station = {"fidelity": fidelity, "environment": {"stiffness": 10 * believed, "surface": {"gap": 0.3 * speed}}}
-    law, guard = fc.force.ApproachConfig(speed=speed), GuardConfig(maximum_force=30.0)
-    run = outcome(law, 0.8, station=station, guard=guard, model={"environment_compliance": 10.0})
-    assert 15.0 < signal(run, "contact_force").max() < 1.2 * 30.0
-    faster = fc.force.ApproachConfig(speed=1.05 * speed)
-    with pytest.raises(BadInputError, match=r"10 times the model's \(guard.stiffness_margin\): must be at most"):
-        outcome(faster, 0.8, station=station, guard=guard, model={"environment_compliance": 10.0})
-
-
 def test_a_largest_force_of_arms_needs_their_estimated_forces():
     with pytest.raises(
         BadInputError, match=r"guard.maximum_force = 30.0: must be null, or .* put out estimated_wrench"
