@@ -33,9 +33,7 @@ def _empty() -> np.ndarray:
 
 
 _TURN = "roll, pitch, yaw of the tool's mount in the flange frame, where its z is not out of the flange"
-_NEIGHBOURS = (
-    "links so near the flange that a tool on it touches their shapes in the ordinary: never checked against it"
-)
+_NEAR = "links so near the flange that a tool on it touches their shapes in the ordinary: never checked against it"
 
 
 @dataclass(kw_only=True)
@@ -70,7 +68,7 @@ class ArmParameters(Config):
     flange_frame: str = key(meaning="carries the tool; z out of the flange")
     flange_turn_deg: list[float] = key([0.0, 0.0, 0.0], _TURN, unit="deg", bounds="from -360 to 360", size=3)
     joints: list[str] = key(meaning="consecutive in `arm_joints`")
-    tool_neighbours: list[str] = key([], _NEIGHBOURS)
+    tool_neighbours: list[str] = key([], _NEAR)
 
 
 @dataclass(kw_only=True)
@@ -88,7 +86,7 @@ class ControlParameters(Config):
     flange_turn_deg: list[float] = key(
         [0.0, 0.0, 0.0], f"of a robot with one arm: {_TURN}", unit="deg", bounds="from -360 to 360", size=3
     )
-    tool_neighbours: list[str] = key([], f"of a robot with one arm: {_NEIGHBOURS}")
+    tool_neighbours: list[str] = key([], f"of a robot with one arm: {_NEAR}")
     arms: dict[str, ArmParameters] = key({}, "of a robot with several")
     ignored_collisions: list[list[str]] = key(
         [], "pairs of links whose shapes overlap in the ordinary: never checked against each other"

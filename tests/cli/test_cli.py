@@ -167,7 +167,7 @@ def test_a_severity_that_is_none_is_refused(forcectl):
 
 def test_a_missed_expectation_is_exit_code_1_with_the_results_kept(forcectl, tmp_path, without_pictures):
     (tmp_path / "own.yaml").write_text(
-        "duration: 0.5\nexpect: [{target: impossible, metric: peak_force_N, maximum: 0.0, strict: true}]\n"
+        "duration: 0.5\nexpect: [{target: impossible, metric: peak_force_N, maximum: 0.1, strict: true}]\n"
     )
     code, out, _ = forcectl("run", "own.yaml", "--out", "here")
     assert code == 1

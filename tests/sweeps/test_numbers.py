@@ -149,7 +149,7 @@ def test_metrics_are_those_that_the_sweep_names_and_trials_have():
     def row(trial, _):
         return {"overshoot_pct": 1.0, "peak_force_N": trial.number, "rise_time_s": None, "contact_loss_s": 0.0}
 
-    named = {"seeds": 3, "findings": {"slow": "rise_time_s > 1", "hard": "peak_force_N > 1"}}
+    named = {"seeds": 3, "findings": {"slow": "rise_time_s > 0.01", "hard": "peak_force_N > 1"}}
     study, table, _ = made(named, row)
     assert shown_metrics(study, table) == ["overshoot_pct", "peak_force_N"]
     study, table, _ = made({"seeds": 3, "success": ""}, row)

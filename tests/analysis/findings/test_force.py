@@ -146,14 +146,14 @@ def test_a_limit_cycle_is_told_with_its_amplitude_and_period() -> None:
 
 LATER = {
     "steps down": {"reference": SequenceConfig(times=[0.0, 5.0], forces=[15.0, 8.0])},
-    "moves": {"motion.speed": 0.02, "motion.distance": 0.05, "motion.start_time": 5.0},
+    "moves": {"reference.force": 15.0, "motion.speed": 0.02, "motion.distance": 0.05, "motion.start_time": 5.0},
 }
 
 
 @pytest.mark.parametrize("then", LATER)
 def test_what_a_hold_shows_is_told_whatever_comes_after_it(then: str) -> None:
     """A loop that swings for 5 s, and has less than a second left for what comes then."""
-    run = {STIFFNESS: 9e3, "reference.force": 15.0, "duration": 5.5} | LATER[then]
+    run = {STIFFNESS: 9e3, "duration": 5.5} | LATER[then]
     hunts = [one for one in found(**run, **{GAIN: 4.5}) if one.kind in ("limit_cycle", "stick_slip")]
     assert [one.kind for one in hunts] == ["limit_cycle", "stick_slip"]
     for one in hunts:
