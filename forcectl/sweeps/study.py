@@ -225,7 +225,8 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
         changes = study.overrides(trial)
         try:
             scenario = resolve(study.file, study.variant, changes)
-            longest = max(longest, scenario.duration)
+            # One that is tried out, shorter than it was written, keeps its conditions.
+            longest = max(longest, math.inf if "duration" in changes else scenario.duration)
             analyses |= {to_tree(each, "analysis").tag or "" for each in scenario.analyses.values()}
             if number < len(study.arms):
                 units |= {at: key_of(one).unit for at, one, _ in values(scenario, "", *PHYSICAL)}
