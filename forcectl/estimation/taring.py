@@ -15,6 +15,7 @@ from forcectl.framework.sampled_block import Memory
 Array = NDArray[np.float64]
 
 _PART = 0.1  # [s] of a mean in the window
+_REMEMBERED = ("zero", "tared", "mean", "past")
 
 
 class Taring:
@@ -50,8 +51,7 @@ class Taring:
 
     def known(self, memory: Memory, level: float) -> dict[str, Any]:
         """Its part of the memory, which a level below -0.5 makes that before the first tick."""
-        start = self.start()
-        return start if level < -0.5 else {name: memory[name] for name in start}
+        return self.start() if level < -0.5 else {name: memory[name] for name in _REMEMBERED}
 
     def step(self, known: dict[str, Any], found: Array, level: float) -> tuple[Array, dict[str, Any]]:
         """The wrench after taring, shape (6,) [Nm, N], and what is known for the next tick.

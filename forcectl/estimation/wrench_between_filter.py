@@ -12,25 +12,21 @@ Where they touch is not known, so the torques at both hands, m_a and m_b, are un
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
-from forcectl.errors import BadInputError
-from forcectl.estimation.moving_joints import MovingJoints
-from forcectl.estimation.taring import Taring
-from forcectl.estimation.wrench_filter import walks_of
-from forcectl.framework.block import scratch
-from forcectl.framework.kernels import all_finite
-from forcectl.framework.sampled_block import Memory, SampledBlock
-from forcectl.plant.drives.joint_friction import JointFriction, sliding_friction_torque
+from forcectl.estimation.wrench_filter import MovingJointsFilter
+from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.robot.momentum_model import MomentumModel
 from forcectl.robot.parts import ArmParts
 
+Array = NDArray[np.float64]
 
-class WrenchBetweenFilter(SampledBlock):
+
+class WrenchBetweenFilter(MovingJointsFilter):
     """Kalman filter of the wrench of arm a on arm b.
 
     ```
@@ -64,18 +60,9 @@ class WrenchBetweenFilter(SampledBlock):
         **trust: `noise`, `bias`, `bias_walk`, `slow`, `hold` and `trust` of `MovingJoints`.
 
     Raises:
-        BadInputError: a value out of range, friction of another number of joints.
+        BadInputError: a value out of range, friction of another number of joints, a frame of another plant.
     """
 
-    optional_inputs = ("tare",)
-    port_units = {
-        "torque_balance": "Nm",
-        "joint_position": "rad",
-        "joint_velocity": "rad/s",
-        "reading_ok": "1",
-        "tare": "1",
-        "wrench": "Nm,N",
-    }
     port_components = {"wrench": "6"}
 
     def __init__(
@@ -93,51 +80,28 @@ class WrenchBetweenFilter(SampledBlock):
         period: float = 0.004,
         **trust: float,
     ):
-        super().__init__()
-        n = model.num_joints
-        if friction.size != n:
-            raise BadInputError(f"friction is of {friction.size} joints: must be of {n}, as the model")
-        self._model, self._friction, self._arms = model, friction, between
-        self._tip = between[1].tcp_frame
-        self._expressed_in = model.plant.world_frame() if expressed_in is None else expressed_in
-        self._joints = np.concatenate([np.arange(arm.joints.start, arm.joints.stop) for arm in between])
-        self._moments = 6 if moment else 0
-        walks = walks_of(force_walk, moment_walk, (self._moments, 3))
-        self._filter = MovingJoints(friction.coulomb[self._joints], walks, period=period, **trust)
-        self._taring = Taring(tare_window, tare_change, period)
-        sizes = {"torque_balance": n, "joint_position": n, "joint_velocity": n, "reading_ok": n, "tare": 1}
-        inputs = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
-        self._scratch = scratch(self, "plant context", model.create_context)
-        self.declare_memory({"wrench": np.zeros(6), **self._filter.start(), **self._taring.start()}, inputs, period)
+        self._arms = between
+        joints = np.concatenate([np.arange(arm.joints.start, arm.joints.stop) for arm in between])
+        walks, tare = (6 if moment else 0, moment_walk, force_walk), (tare_window, tare_change)
+        tip = between[1].tcp_frame
+        super().__init__(model, friction, joints, tip, expressed_in, walks, tare, period, trust)
         self.show("wrench")
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
-        """One tick of the filter."""
-        mine, moments = self._joints, self._moments
-        balance, q, v = inputs["torque_balance"], inputs["joint_position"], inputs["joint_velocity"]
-        level = inputs["tare"].item() if "tare" in inputs else 0.0
-        tare = self._taring.known(memory, level)
-        if not all_finite(balance, q, v):
-            return {**memory, **tare}
-        plant = self._scratch.Eval(context)
-        rows = np.zeros((len(mine), moments + 3))
+    def _rows(self, plant: Context, q: Array) -> Array:
+        torques = self._torques
+        rows = np.zeros((len(self._joints), torques + 3))
         begin = 0
         for arm, sign, place in zip(self._arms, (-1.0, 1.0), (slice(0, 3), slice(3, 6)), strict=True):
-            jacobian = self._model.jacobian(plant, q, arm.tcp_frame, self._tip)[:, arm.joints].T
+            jacobian = self._model.jacobian(plant, q, arm.tcp_frame, self._frame)[:, arm.joints].T
             own = slice(begin, begin + len(jacobian))
-            if moments:
+            if torques:
                 rows[own, place] = jacobian[:, :3]
-            rows[own, moments:] = sign * jacobian[:, 3:]
+            rows[own, torques:] = sign * jacobian[:, 3:]
             begin = own.stop
-        balance = (balance + sliding_friction_torque(v, self._friction))[mine]
-        felt = self._filter.tick(memory, rows, balance, v[mine], inputs["reading_ok"][mine] > 0.5)
+        return rows
+
+    def _wrench(self, unknowns: Array) -> Array:
         found = np.zeros(6)
-        found[: moments // 2] = felt.x[moments // 2 : moments]
-        found[3:] = felt.x[moments : moments + 3]
-        shown, tare = self._taring.step(tare, found, level)
-        rotation = self._tip.CalcRotationMatrix(plant, self._expressed_in).matrix()
-        return {
-            "wrench": np.concatenate([rotation @ shown[:3], rotation @ shown[3:]]),
-            **felt.memory,
-            **tare,
-        }
+        on_second = unknowns[self._torques // 2 :]  # without the torque on the first arm
+        found[6 - len(on_second) :] = on_second
+        return found

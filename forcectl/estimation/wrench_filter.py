@@ -10,7 +10,8 @@ tells the two apart, as far as the force has a part along that motion.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError
-from forcectl.estimation.moving_joints import MovingJoints
+from forcectl.estimation.moving_joints import Felt, MovingJoints
 from forcectl.estimation.taring import Taring
 from forcectl.framework.batch import check
 from forcectl.framework.block import scratch
@@ -36,18 +37,108 @@ _SETTLED = 1.0  # [s] in which b and c are learnt that this torque is beyond
 _LAG = 0.02  # [s] of the torque of what acts elsewhere
 
 
-def walks_of(force: float, moment: float, sizes: tuple[int, int]) -> Array:
-    """What the deviations of torques, then of forces, gain in a second, [Nm, N].
+class MovingJointsFilter(SampledBlock):
+    """Base of the filters of a wrench at a frame, which is felt by joints that move.
+
+    A subclass says how joints feel it, in `_rows` and `_wrench`, and what else it remembers, in `_further`. It has the
+    input ports [torque_balance, joint_position, joint_velocity, reading_ok, tare] and the output `wrench` of
+    `WrenchFilter`.
 
     Args:
-        force, moment: of each.
-        sizes: numbers of torques and of forces.
+        model: the n joints.
+        friction: that the n joints should have.
+        joints: of the n, those that feel the wrench.
+        frame: where the wrench acts.
+        expressed_in: any frame of the same plant; world when None.
+        walks: numbers of torques and forces that are unknown, and what the deviation of each gains in a second.
+        tare: window and change of `Taring`.
+        period: tick [s].
+        trust: of `MovingJoints`.
+        further: what else is remembered, by name.
+
+    Raises:
+        BadInputError: a value out of range, friction of another number of joints, a frame of another plant.
     """
-    walks = [check("moment_walk", moment, "positive")] * sizes[0] + [check("force_walk", force, "positive")] * sizes[1]
-    return np.array(walks)
+
+    optional_inputs = ("tare",)
+    port_units = {
+        "torque_balance": "Nm",
+        "joint_position": "rad",
+        "joint_velocity": "rad/s",
+        "reading_ok": "1",
+        "tare": "1",
+        "wrench": "Nm,N",
+    }
+
+    def __init__(
+        self,
+        model: MomentumModel,
+        friction: JointFriction,
+        joints: Any,
+        frame: Frame,
+        expressed_in: Frame | None,
+        walks: tuple[int, float, float],
+        tare: tuple[Sequence[float], float],
+        period: float,
+        trust: Mapping[str, float],
+        further: Mapping[str, Any] | None = None,
+    ):
+        super().__init__()
+        n = model.num_joints
+        if friction.size != n:
+            raise BadInputError(f"friction is of {friction.size} joints: must be of {n}, as the model")
+        for given in (frame, expressed_in):
+            if given is not None and not model.owns(given):
+                raise BadInputError(f"frame {given.name()!r}: must be of the plant of the momentum model")
+        self._model, self._friction, self._joints, self._frame = model, friction, joints, frame
+        self._expressed_in = model.plant.world_frame() if expressed_in is None else expressed_in
+        torques, moment_walk, force_walk = walks
+        gained = np.repeat(
+            [check("moment_walk", moment_walk, "positive"), check("force_walk", force_walk, "positive")], [torques, 3]
+        )
+        self._torques = torques
+        self._filter = MovingJoints(friction.coulomb[joints], gained, period=period, **trust)
+        self._taring = Taring(*tare, period)
+        sizes = {"torque_balance": n, "joint_position": n, "joint_velocity": n, "reading_ok": n, "tare": 1}
+        inputs = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
+        self._scratch = scratch(self, "plant context", model.create_context)
+        own = {"wrench": np.zeros(6), **(further or {})}
+        self.declare_memory({**own, **self._filter.start(), **self._taring.start()}, inputs, period)
+
+    @abstractmethod
+    def _rows(self, plant: Context, q: Array) -> Array:
+        """What each joint feels of each unknown, shape (k, w), at the joint positions q."""
+
+    @abstractmethod
+    def _wrench(self, unknowns: Array) -> Array:
+        """The wrench of w torques and forces, shape (6,), in the axes of the frame [Nm, N]."""
+
+    def _further(self, memory: Memory, rows: Array, balance: Array, felt: Felt) -> dict[str, Any]:
+        """What else the tick leaves in the memory."""
+        return {}
+
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
+        """One tick of the filter."""
+        mine, balance = self._joints, inputs["torque_balance"]
+        q, v = inputs["joint_position"], inputs["joint_velocity"]
+        level = inputs["tare"].item() if "tare" in inputs else 0.0
+        tare = self._taring.known(memory, level)
+        if not all_finite(balance, q, v):
+            return {**memory, **tare}
+        plant = self._scratch.Eval(context)
+        rows, balance = self._rows(plant, q), (balance + sliding_friction_torque(v, self._friction))[mine]
+        felt = self._filter.tick(memory, rows, balance, v[mine], inputs["reading_ok"][mine] > 0.5)
+        shown, tare = self._taring.step(tare, self._wrench(felt.x[: self._torques + 3]), level)
+        rotation = self._frame.CalcRotationMatrix(plant, self._expressed_in).matrix()
+        return {
+            "wrench": np.concatenate([rotation @ shown[:3], rotation @ shown[3:]]),
+            **self._further(memory, rows, balance, felt),
+            **felt.memory,
+            **tare,
+        }
 
 
-class WrenchFilter(SampledBlock):
+class WrenchFilter(MovingJointsFilter):
     """Kalman filter of the wrench of the environment on the robot.
 
     ```
@@ -91,7 +182,12 @@ class WrenchFilter(SampledBlock):
         BadInputError: a value out of range, friction of another number of joints, a frame of another plant.
     """
 
-    optional_inputs = ("tare",)
+    port_units = MovingJointsFilter.port_units | {
+        "wrench_deviation": "Nm,N",
+        "joint_bias": "Nm",
+        "moving": "1",
+        "torque_elsewhere": "Nm",
+    }
 
     def __init__(
         self,
@@ -109,84 +205,42 @@ class WrenchFilter(SampledBlock):
         period: float = 0.004,
         **trust: float,
     ):
-        super().__init__()
-        n = model.num_joints
-        if friction.size != n:
-            raise BadInputError(f"friction is of {friction.size} joints: must be of {n}, as the model")
-        for given in (frame, expressed_in):
-            if given is not None and not model.owns(given):
-                raise BadInputError(f"frame {given.name()!r}: must be of the plant of the momentum model")
-        self._model, self._frame, self._joints = model, frame, joints
-        self._expressed_in = model.plant.world_frame() if expressed_in is None else expressed_in
-        self._friction, self._first = friction, 0 if moment else 3
-        walks = walks_of(force_walk, moment_walk, (3 - self._first, 3))
-        self._filter = MovingJoints(friction.coulomb[joints], walks, period=period, **trust)
-        self._taring = Taring(tare_window, tare_change, period)
-        k = self._filter.k
-        self._pick = np.eye(k)[:, len(walks) :]
-        self.port_units = {
-            "torque_balance": "Nm",
-            "joint_position": "rad",
-            "joint_velocity": "rad/s",
-            "reading_ok": "1",
-            "tare": "1",
-            "wrench": "Nm,N",
-            "wrench_deviation": "Nm,N",
-            "joint_bias": "Nm",
-            "moving": "1",
-            "torque_elsewhere": "Nm",
-        }
-        sizes = {"torque_balance": n, "joint_position": n, "joint_velocity": n, "reading_ok": n, "tare": 1}
-        inputs = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
-        self._scratch = scratch(self, "plant context", model.create_context)
-        memory = {
-            "wrench": np.zeros(6),
+        torques, k = 3 if moment else 0, len(friction.coulomb[joints])
+        further = {
             "wrench_deviation": np.zeros(6),
             "joint_bias": np.zeros(k),
             "moving": np.zeros(k),
             "torque_elsewhere": 0.0,
-            **self._filter.start(),
             # b and c behind a lag, for they take up what acts elsewhere; and its torque.
             "settled": np.zeros(2 * k),
             "elsewhere": np.zeros(k),
-            **self._taring.start(),
         }
-        self.declare_memory(memory, inputs, period)
+        walks, tare = (torques, moment_walk, force_walk), (tare_window, tare_change)
+        super().__init__(model, friction, joints, frame, expressed_in, walks, tare, period, trust, further)
+        self._pick = np.eye(k)[:, torques + 3 :]
         self.show("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere")
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
-        """One tick of the filter."""
-        mine, k, first = self._joints, self._filter.k, self._first
-        balance, q, v = inputs["torque_balance"], inputs["joint_position"], inputs["joint_velocity"]
-        level = inputs["tare"].item() if "tare" in inputs else 0.0
-        tare = self._taring.known(memory, level)
-        if not all_finite(balance, q, v):
-            return {**memory, **tare}
-        plant = self._scratch.Eval(context)
-        jacobian = self._model.jacobian(plant, q, self._frame, self._frame)[first:, mine]
-        balance = balance[mine] + sliding_friction_torque(v, self._friction)[mine]
-        felt = self._filter.tick(memory, jacobian.T, balance, v[mine], inputs["reading_ok"][mine] > 0.5)
-        x, m = felt.x, 6 - first
+    def _rows(self, plant: Context, q: Array) -> Array:
+        jacobian = self._model.jacobian(plant, q, self._frame, self._frame)
+        return jacobian[3 - self._torques :, self._joints].T
 
+    def _wrench(self, unknowns: Array) -> Array:
+        found = np.zeros(6)
+        found[3 - self._torques :] = unknowns
+        return found
+
+    def _further(self, memory: Memory, rows: Array, balance: Array, felt: Felt) -> dict[str, Any]:
+        x, k, m = felt.x, self._filter.k, self._torques + 3
         settled = memory["settled"] + self._period / (self._period + _SETTLED) * (x[m:] - memory["settled"])
-        free, elsewhere = left_free(jacobian, self._pick) if self._pick.size else None, memory["elsewhere"]
+        free, elsewhere = left_free(rows.T, self._pick) if self._pick.size else None, memory["elsewhere"]
         if free is not None and not ((np.abs(free) > _NEEDED).any(axis=1) & (felt.doubt > _DOUBT)).any():
             left = free @ (free.T @ (balance - felt.H[:, m:] @ settled))
             elsewhere = elsewhere + self._period / (self._period + _LAG) * (left - elsewhere)
-
-        found, deviation = np.zeros(6), np.zeros(6)
-        found[first:] = x[:m]
-        deviation[first:] = np.sqrt(np.maximum(np.diag(felt.P)[:m], 0.0))
-        shown, tare = self._taring.step(tare, found, level)
-        rotation = self._frame.CalcRotationMatrix(plant, self._expressed_in).matrix()
         return {
-            "wrench": np.concatenate([rotation @ shown[:3], rotation @ shown[3:]]),
-            "wrench_deviation": deviation,
+            "wrench_deviation": self._wrench(np.sqrt(np.maximum(np.diag(felt.P)[:m], 0.0))),
             "joint_bias": x[m : m + k],
             "moving": (felt.doubt < _DOUBT).astype(float),
             "torque_elsewhere": math.sqrt(elsewhere @ elsewhere),
-            **felt.memory,
             "settled": settled,
             "elsewhere": elsewhere,
-            **tare,
         }

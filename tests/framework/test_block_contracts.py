@@ -27,6 +27,7 @@ from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.diagrams.mechanics.assembly import STATION_INPUTS
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
+from forcectl.estimation.wrench_filter import MovingJointsFilter
 from forcectl.force.integral import IntegralForceLaw
 from forcectl.force.law import ForceLaw
 from forcectl.framework.batch import BatchBlock
@@ -55,6 +56,7 @@ STATIONS = (LightStation, MultibodyStation)
 
 BASES = {
     Around,
+    MovingJointsFilter,
     ForceLaw,
     PythonBlock,
     PythonDiagram,
