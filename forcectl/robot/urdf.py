@@ -190,6 +190,11 @@ class _Rewriting:
         if len(roots) != 1 and links and not self._found.problems:
             shown = ", ".join(roots) or "none, its joints form a loop"
             self._found.problems.append(f"links without a parent: {shown}: must be one")
+        rooted = set(roots)
+        for _ in parents:
+            rooted |= {child for child, parent in parents.items() if parent in rooted}
+        if (looped := sorted(set(parents) - rooted)) and not self._found.problems:
+            self._found.problems.append(f"joints form a loop through {', '.join(looped)}: must be a tree")
 
     def _inertia(self, link: Element) -> None:
         for inertial in link.findall("inertial"):

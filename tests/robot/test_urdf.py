@@ -206,6 +206,7 @@ PROBLEMS = [
         "principal moments of inertia 1e-09, 3e-08, 3e-08 kg m2: the largest must be at least 6.1e-07 kg m2, for its",
     ),
     ('<child link="forearm"/>', '<child link="hand"/>', "link 'hand' is the child of two joints: must be a tree"),
+    ('<parent link="base"/>', '<parent link="hand"/>', "joints form a loop through finger, forearm, hand, upper_arm: "),
     ('<link name="forearm">', '<link name="hand">', "link 'hand': must have a name of its own"),
     ('<origin xyz="0.4 0 0"/>', '<origin xyz="400 0 0"/>', "origin xyz = '400 0 0': must be 3 numbers up to 10"),
     ('<origin xyz="0.4 0 0"/>', '<origin rpy="1e9 0 0"/>', "origin rpy = '1e9 0 0': must be 3 numbers up to 12.57 rad"),
