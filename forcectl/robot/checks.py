@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex, RevoluteJoint, RigidBody
+from pydrake.multibody.tree import BodyIndex, Frame, Joint, JointActuator, ModelInstanceIndex, RevoluteJoint, RigidBody
 
 from forcectl.errors import BadInputError, check_distinct, invalid
 from forcectl.framework.yaml_tree import place
@@ -302,6 +302,16 @@ def _check_neighbours(robot: RobotModel, arm: ArmParts) -> None:
             raise invalid(key, name, f"{allowed}: ignored_collisions is for links of another arm")
 
 
+def _held_without(plant: MultibodyPlant, weld: Joint, arm: ArmParts) -> set[BodyIndex]:
+    """Bodies that hold together with the flange also where a weld is cut."""
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices() if i != weld.index()]
+    pairs = [{joint.parent_body().index(), joint.child_body().index()} for joint in joints]
+    held = {arm.flange_frame.body().index()}
+    while reached := {body for pair in pairs if held & pair for body in pair - held}:
+        held |= reached
+    return held
+
+
 def _check_tool(robot: RobotModel, arm: ArmParts, context: Any) -> None:
     """A tool is on the flange, no longer than the arm can be, and light enough to be held."""
     tool: Any = arm.tool
@@ -331,6 +341,9 @@ def _check_tool(robot: RobotModel, arm: ArmParts, context: Any) -> None:
             raise invalid("tcp_frame", arm.tcp_frame.name(), f"{allowed} with contact_ball_radius = {radius:g}")
         if radius > (most := float(np.linalg.norm(ball.CalcPose(context, arm.flange_frame).translation()))):
             raise invalid("contact_ball_radius", radius, f"at most {most:.3g} m, where the flange is")
+        if arm.sensor_weld is not None and ball.body().index() in _held_without(plant, arm.sensor_weld, arm):
+            allowed = f"between mount_frame and contact_ball_frame = {ball.name()!r}: else no contact is felt"
+            raise invalid("sensor_weld", arm.sensor_weld.name(), allowed)
     robot.check_torque(
         "tool",
         f"{mass:g} kg",

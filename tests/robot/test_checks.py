@@ -194,6 +194,12 @@ SHIPPED = [
         'name="tool_weld" type="continuous"',
         "sensor_weld = .* a fixed joint",
     ),
+    (
+        "tool.urdf",
+        '<frame name="mount" link="force_sensor"',
+        '<frame name="mount" link="tool"',
+        "tool.yaml:8: sensor_weld = 'tool_weld': must be between mount_frame and contact_ball_frame",
+    ),
 ]
 
 
