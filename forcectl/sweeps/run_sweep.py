@@ -109,6 +109,9 @@ def sweep(
         raise BadInputError(f"engine = {engine!r}: must be one of {', '.join(ENGINES)}")
     if scheduler is not None and engine != "processes":
         raise BadInputError(f"engine = {engine!r}: must be left out with a scheduler")
+    if workers is not None and (scheduler is not None or engine != "processes"):
+        others = "a scheduler" if scheduler is not None else f"engine = {engine!r}"
+        raise BadInputError(f"workers = {workers!r}: must be left out with {others}")
     if trial_timeout is not None and not trial_timeout > 0:
         raise BadInputError(f"trial_timeout = {trial_timeout!r}: must be positive")
     if retry_failed and not resume:

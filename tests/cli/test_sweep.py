@@ -72,6 +72,14 @@ def test_failed_trials_give_exit_code_1(forcectl, tmp_path):
         (["first_sweep", "--retry", "all"], "--retry 'all': must be failed"),
         (["first_sweep", "--retry", "failed"], "goes with resume"),
         (["first_sweep", "--engine", "threads"], "engine = 'threads': must be one of processes, sequential"),
+        (
+            ["first_sweep", "--engine", "sequential", "--workers", "4"],
+            "workers = 4: must be left out with engine = ",
+        ),
+        (
+            ["first_sweep", "--scheduler", "tcp://x:1", "--workers", "4"],
+            "must be left out with a scheduler",
+        ),
         (["first_sweep", "--trial-timeout", "0"], "trial_timeout = 0.0: must be positive"),
         (["first_sweep", "--resume"], "resume needs the directory of the results"),
         (["first_sweep", "--out", "/proc/none"], "output '/proc/none' cannot be written"),
