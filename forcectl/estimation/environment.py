@@ -90,8 +90,8 @@ class EnvironmentComplianceEstimator(SampledBatch):
             size,
             {
                 "forgetting": BatchParameter(forgetting, "above 0 and at most 1", "1"),
-                "robot_compliance": BatchParameter(robot_compliance, "not negative", "m/N"),
-                "drive_compliance": BatchParameter(drive_compliance, "not negative", "m/N"),
+                "robot_compliance": BatchParameter(robot_compliance, "not negative and finite", "m/N"),
+                "drive_compliance": BatchParameter(drive_compliance, "not negative and finite", "m/N"),
                 "minimum_force": BatchParameter(minimum_force, "not negative", "N"),
                 "lower_bound": BatchParameter(lower_bound, "positive", "m/N"),
                 "upper_bound": BatchParameter(upper_bound, "positive", "m/N"),

@@ -83,7 +83,7 @@ class IntegralForceLaw(ForceLaw):
         period: float = 0.002,
     ):
         parameters = {
-            "integral_gain": BatchParameter(integral_gain, "not negative", "1/s"),
+            "integral_gain": BatchParameter(integral_gain, "not negative and finite", "1/s"),
             "dead_zone": BatchParameter(dead_zone, "not negative", "N"),
         }
         super().__init__(

@@ -93,10 +93,10 @@ class LinearForceLaw(ForceLaw):
         period: float = 0.002,
     ):
         parameters = {
-            "robot_compliance": BatchParameter(robot_compliance, "not negative", "m/N"),
-            "derivative_filter": BatchParameter(derivative_filter, "not negative", "s"),
-            "feed_forward": BatchParameter(feed_forward, "not negative", "m/N"),
-            "feed_forward_filter": BatchParameter(feed_forward_filter, "not negative", "s"),
+            "robot_compliance": BatchParameter(robot_compliance, "not negative and finite", "m/N"),
+            "derivative_filter": BatchParameter(derivative_filter, "not negative and finite", "s"),
+            "feed_forward": BatchParameter(feed_forward, "not negative and finite", "m/N"),
+            "feed_forward_filter": BatchParameter(feed_forward_filter, "not negative and finite", "s"),
         }
         if gains is not None:
             if len(gains) != len(GAINS):

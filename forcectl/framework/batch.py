@@ -92,7 +92,7 @@ def check_count(name: str, value: int) -> int:
 
 def whole_multiple(name: str, value: float, period: float, period_name: str) -> int:
     """How many times `period` fits into `value`; BadInputError when it does not divide it."""
-    ratio = value / period
+    ratio = check(name, value) / period
     if not (value >= 0 and math.isfinite(ratio) and abs(ratio - round(ratio)) <= 1e-6):
         raise invalid(name, value, f"zero or a whole multiple of {period_name} = {period:g}")
     return round(ratio)
@@ -117,9 +117,7 @@ class BatchBlock(PythonBlock):
 
     def __init__(self, size: int, parameters: Mapping[str, BatchParameter]):
         super().__init__()
-        if size < 1:
-            raise invalid("size", size, "at least 1")
-        self._size = size
+        self._size = size = check_count("size", size)
         self._shape: tuple[int, ...] = (size,) if size > 1 or self.on_arrays else ()
         self.math = np if self._shape else SCALAR_MATH
         self._allowed = {name: p.allowed for name, p in parameters.items()}

@@ -64,11 +64,17 @@ class Reference(PythonDiagram):
 
     def __init__(self, name: str, trajectory: Trajectory | ArrayLike):
         super().__init__()
+        if not (isinstance(name, str) and name):
+            raise invalid("name", name, "that of the output")
         builder = DiagramBuilder()
         if isinstance(trajectory, Trajectory):
             source = builder.AddNamedSystem("trajectory", TrajectorySource(trajectory))
         else:
-            constant = np.atleast_1d(np.asarray(trajectory, dtype=float))
+            values = np.atleast_1d(np.asarray(trajectory))
+            fits = values.ndim == 1 and values.size > 0 and values.dtype.kind in "iuf"
+            if not (fits and np.isfinite(values).all()):
+                raise invalid(name, trajectory, "a trajectory, or a finite number or a list of them")
+            constant = values.astype(float)
             source = builder.AddNamedSystem("constant", ConstantVectorSource(constant))
         builder.ExportOutput(source.get_output_port(), name)
         builder.BuildInto(self)

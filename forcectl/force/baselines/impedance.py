@@ -93,9 +93,9 @@ class ImpedanceForceLaw(ForceLaw):
             "inertia": BatchParameter(inertia, "positive and finite", "kg"),
             "damping": BatchParameter(damping, "positive and finite", "N s/m"),
             "stiffness": BatchParameter(stiffness, "not negative", "N/m"),
-            "adaptation_rate": BatchParameter(adaptation_rate, "not negative", "1/s"),
-            "reference_compliance": BatchParameter(reference_compliance, "not negative", "m/N"),
-            "reference_filter": BatchParameter(reference_filter, "not negative", "s"),
+            "adaptation_rate": BatchParameter(adaptation_rate, "not negative and finite", "1/s"),
+            "reference_compliance": BatchParameter(reference_compliance, "not negative and finite", "m/N"),
+            "reference_filter": BatchParameter(reference_filter, "not negative and finite", "s"),
         }
         super().__init__(
             size,

@@ -168,11 +168,11 @@ class CompliantContact(BatchBlock):
         if stiffness is not None:
             parameters["stiffness"] = BatchParameter(stiffness, "positive and finite", "N/m")
         if self._damped and damping is not None:
-            parameters["damping"] = BatchParameter(damping, "not negative", "N s/m")
+            parameters["damping"] = BatchParameter(damping, "not negative and finite", "N s/m")
         if self._dissipates:
             parameters["dissipation"] = BatchParameter(dissipation, "positive and finite", "s/m")
         if self._compliance_is_parameter:
-            parameters["robot_compliance"] = BatchParameter(robot_compliance, "not negative", "m/N")
+            parameters["robot_compliance"] = BatchParameter(robot_compliance, "not negative and finite", "m/N")
         super().__init__(size, parameters)
         reads = {self.all_parameters_ticket()} | self._declare_inputs()
         given = {"surface_stiffness": stiffness, "surface_damping": damping}
@@ -249,8 +249,8 @@ class LinearContact(PythonDiagram):
     def __init__(self, size: int, *, stiffness: ArrayLike, damping: ArrayLike = 0.0, robot_compliance: ArrayLike = 0.0):
         super().__init__()
         k = batch_values("stiffness", stiffness, size, "positive and finite")
-        d = batch_values("damping", damping, size, "not negative")
-        c = batch_values("robot_compliance", robot_compliance, size, "not negative")
+        d = batch_values("damping", damping, size, "not negative and finite")
+        c = batch_values("robot_compliance", robot_compliance, size, "not negative and finite")
         if np.any(d * c > 0):
             raise invalid("damping", d.tolist(), "0 with one_sided = false, unless elastic_joints = false")
         builder = DiagramBuilder()

@@ -116,8 +116,8 @@ class SensorElectronics(BatchBlock):
             size,
             {
                 "bias": BatchParameter(bias, "finite", unit),
-                "noise_std": BatchParameter(noise_std, "not negative", unit),
-                "quantum": BatchParameter(quantum, "not negative", unit),
+                "noise_std": BatchParameter(noise_std, "not negative and finite", unit),
+                "quantum": BatchParameter(quantum, "not negative and finite", unit),
                 "range": BatchParameter(range, "positive", unit),
                 "drift": BatchParameter(drift, "finite", ",".join(f"{each}/s" for each in unit.split(","))),
             },
@@ -273,7 +273,8 @@ class ForceSensor(PythonDiagram):
         self.port_units = {"force": unit, "measured_force": unit}
         builder = DiagramBuilder()
         filter_ = builder.AddNamedSystem("filter", sensor_filter(size, bandwidth, damping_ratio, period, ticks))
-        if any(map(np.any, (noise_std, quantum, bias, drift, np.isfinite(range)))):
+        limited = np.isfinite(batch_values("range", range, size, "positive"))
+        if any(map(np.any, (noise_std, quantum, bias, drift, limited))):
             digitiser = ForceDigitiser(
                 size,
                 unit=unit,
