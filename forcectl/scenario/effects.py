@@ -119,6 +119,8 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
         if isinstance(surface, SurfaceConfig) and not surface.heights:
             lines += _unused(surface, f"{key}.surface", ("length",), "there are no heights")
         materials: Any = getattr(surface, "materials", None)
+        if materials is not None and len(materials.segments) == 1:
+            lines += _unused(materials, f"{key}.surface.materials", ("blend",), "there is one segment")
         if materials is not None and hasattr(scenario.motion, "distance_after"):
             way = scenario.motion.distance_after(scenario.duration if scenario.as_written else math.inf)
             way *= float(unit_normal(scenario.motion.direction) @ unit_normal(surface.direction))

@@ -177,6 +177,11 @@ NO_EFFECT = [
     (SLIDING.format("-0.2, end: -0.1", "-0.1, end: 0.09"), [f"{SEGMENTS}.0"], "the tool goes from 0 to 0.01 m of"),
     (SLIDING.format("0, end: 0.005", "0.005, end: 0.09"), [], ""),
     (SLIDING.format("0, end: 0.005", "0.005, end: 0.09").replace("wood", "plastic"), [f"{SEGMENTS}.1"], "it is as the"),
+    (
+        "station: {environment: {surface: {materials: {segments: [{material: wood, start: 0, end: 1}], blend: 0.01}}}}",
+        ["station.environment.surface.materials.blend = 0.01"],
+        "there is one segment",
+    ),
     ("station: {sensors: {}}\nreference: !Sine {}\ncontroller: !Import {path: own:Still}", ["reference"], "the contro"),
 ]
 STILL = """from dataclasses import dataclass
