@@ -23,6 +23,7 @@ from forcectl.robot.assumptions import ACCELERATION_TIME
 from forcectl.robot.checks import about_file, check_drives, check_lists, check_weight
 from forcectl.robot.model_file import ModelFile, add_models
 from forcectl.robot.parameters import DERIVED, PER_JOINT, ControlParameters, missing_limits, read_keys
+from forcectl.robot.parts import frame_named
 from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
 from forcectl.runs.robots.remarks import remarks
 
@@ -294,6 +295,8 @@ def _understand(
         check_lists(parameters)
         explorer = Explorer(report.folder, parameters, refused)
         parts = explorer.parts
+        for name in parameters.link_compliance:
+            frame_named(explorer.plant, name, parts.instance, "link_compliance")
         if not set(some) & unknown - {"default_posture_deg"} and not _BASIC & set(wrong):
             check_drives(parts.parameters, parts.actuators)
             check_weight(explorer.plant, parts.instance, parts.parameters, parts.actuators)

@@ -268,7 +268,8 @@ ALL_WRONG = {
     "soft: [1000, 800, 600]": "soft: [1000, 800]",
     "natural_frequency: 50, damping_ratio: 0.9": "natural_frequency: -3",
     "characteristic_length: 0.5\n": "",
-    "viscous_friction: [0, 0, 0]": f"nonsense: 3\nheld_joints: {{slide: 9}}\nignored_collisions: {PAIRS}",
+    "viscous_friction: [0, 0, 0]": f"nonsense: 3\nheld_joints: {{slide: 9}}\nignored_collisions: {PAIRS}"
+    f"\nlink_compliance: {{rod: {[0] * 6}}}",
 }
 TOLD = [
     "2: model = 'plan.urdf': there is no such file",
@@ -284,6 +285,7 @@ TOLD = [
     "19: ignored_collisions.1 = ['hand']: must be two different links",
     "19: ignored_collisions.2.0: unknown link of planar 'thumb': known: ",
     "19: ignored_collisions.4 = ['base', 'hand']: must be another one than those before it",
+    "20: link_compliance: unknown link_compliance of planar 'rod': known: ",
 ]
 
 
