@@ -127,12 +127,17 @@ def parse_part(plant: MultibodyPlant, name: str, config: PartConfig) -> tuple[Ri
         config: its configuration.
 
     Raises:
-        BadInputError: unknown frame or model, a name that is taken, or a model that is not one rigid part.
+        BadInputError: unknown frame or model, a name that is taken, a model that is not one rigid part, or one without
+            the meshes of its collision shapes.
     """
     file = config.file()
     if plant.HasModelInstanceNamed(name):
         raise BadInputError(f"part {name!r}: must have another name than the models {_names(plant)}")
-    instance = parse_models(plant, {name: ModelFile.look(file)}, [])[name]
+    model = ModelFile.look(file)
+    if model.urdf.missing_shapes:
+        shapes = "; ".join(model.urdf.missing_shapes)
+        raise BadInputError(f" = {config.model!r}: must have its collision shapes: {shapes}", key="model")
+    instance = parse_models(plant, {name: model}, [])[name]
     root = _root(plant, instance, config)
     return root, frame_named(plant, config.frame, instance) if config.frame else root.body_frame()
 
