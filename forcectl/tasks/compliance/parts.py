@@ -101,8 +101,8 @@ class ReferenceConfig(Config):
             for name, none in _OF_COMPLIANCE.items():
                 if getattr(self, name) != none:
                     raise BadInputError("must stand beside comply: true", key=name)
-        if self.speed_limit and not self.speed_limit[0] <= 0 <= self.speed_limit[1]:
-            raise invalid("speed_limit", self.speed_limit, "at most zero, and at least zero")
+        if self.speed_limit and not (self.speed_limit[0] <= 0 <= self.speed_limit[1] and any(self.speed_limit)):
+            raise invalid("speed_limit", self.speed_limit, "at most zero, and at least zero, and not both zero")
 
 
 References = Mapping[str, Mapping[str, ReferenceConfig]]  # by task and coordinate

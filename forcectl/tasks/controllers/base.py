@@ -45,6 +45,7 @@ class ModeConfig(Config):
         for i, pair in enumerate(self.touching):
             if len(pair) != 2 or pair[0] == pair[1]:
                 raise invalid(f"touching.{i}", pair, "two names of shapes")
+        check_distinct("touching", [sorted(pair) for pair in self.touching])
         if len(self.null_space) > 1:
             raise invalid("null_space", [type(part).__name__ for part in self.null_space], "one at most")
 

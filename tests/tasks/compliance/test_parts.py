@@ -85,6 +85,7 @@ def test_every_coordinate_has_what_is_said_of_it_in_the_order_of_the_tasks():
         ("{peg: {z: {comply: true, damping: 300}}}", "references.peg.z.inertia = 0.4: must be above damping times"),
         ("{peg: {z: {comply: true, speed_limit: [0.1, 0.2]}}}", "references.peg.z.speed_limit"),
         ("{peg: {z: {comply: true, speed_limit: [-0.1]}}}", "references.peg.z.speed_limit"),
+        ("{peg: {z: {comply: true, speed_limit: [0, 0]}}}", "references.peg.z.speed_limit"),
         ("{peg: {phi: {swing: {frequency: 2}}}}", "references.peg.phi.swing.amplitude = 0.0: must be above zero"),
         ("{peg: {phi: {swing: {amplitude: 0.1}}}}", "references.peg.phi.swing.frequency is missing"),
         (

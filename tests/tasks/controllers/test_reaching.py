@@ -344,6 +344,10 @@ def test_modes_of_a_scenario_switch_with_their_signal() -> None:
         (("[right]", "[middle]"), "modes.0.tasks: unknown task 'middle'"),
         (("right_link_7", "hand"), "unknown shape 'hand'"),
         (("[left_link_7, right_link_7]", "[left_link_7]"), "touching.0 = ['left_link_7']: must be two names of shapes"),
+        (
+            ("[[left_link_7, right_link_7]]", "[[left_link_7, right_link_7], [right_link_7, left_link_7]]"),
+            "touching.1 = ['left_link_7', 'right_link_7']: must be another",
+        ),
         (("upper: [0.25]", "upper: [1, 2]"), "modes.1.constraints.0.upper has shape (2,)"),
         (
             ("null_space: [", "null_space: [!JointSpeed {}, "),
