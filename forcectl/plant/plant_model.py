@@ -91,8 +91,10 @@ class PlantModel:
 
     def __post_init__(self) -> None:
         check("period", self.period, "positive")
-        for name, allowed in (("sensor_bandwidth", "positive"), ("sensor_delay", "not negative")):
-            batch_values(name, getattr(self, name), 1, allowed)
+        for name in ("sensor_bandwidth", "sensor_range"):
+            batch_values(name, getattr(self, name), 1, "positive")
+        for name in ("sensor_damping_ratio", "sensor_delay"):
+            batch_values(name, getattr(self, name), 1, "not negative")
         for name in ("robot_compliance", "environment_compliance") if self.size else ():
             value = batch_values(name, getattr(self, name), self.size, "not negative")
             object.__setattr__(self, name, value)

@@ -29,6 +29,8 @@ def test_compliances_are_arrays_whatever_they_are_given_as():
         ({"environment_compliance": "soft"}, "environment_compliance = 'soft': must be a number"),
         ({"period": 0.0}, "period = 0.0: must be positive"),
         ({"sensor_bandwidth": -1.0}, "sensor_bandwidth = -1.0: must be positive"),
+        ({"sensor_range": -200.0}, "sensor_range = -200.0: must be positive"),
+        ({"sensor_damping_ratio": float("nan")}, "sensor_damping_ratio = nan: must be not negative"),
         ({"sensor_delay": -0.1}, "sensor_delay = -0.1: must be not negative"),
     ],
 )
