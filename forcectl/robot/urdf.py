@@ -191,8 +191,8 @@ class _Rewriting:
             shown = ", ".join(roots) or "none, its joints form a loop"
             self._found.problems.append(f"links without a parent: {shown}: must be one")
         rooted = set(roots)
-        for _ in parents:
-            rooted |= {child for child, parent in parents.items() if parent in rooted}
+        while more := {child for child, parent in parents.items() if parent in rooted} - rooted:
+            rooted |= more
         if (looped := sorted(set(parents) - rooted)) and not self._found.problems:
             self._found.problems.append(f"joints form a loop through {', '.join(looped)}: must be a tree")
 
