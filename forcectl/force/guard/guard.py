@@ -80,15 +80,14 @@ class ControllerGuard(PythonBlock):
         self._loops, self._each, self._limits, self._steps, self._m = loops, limits, first_limits, steps, len(command)
         self._soonest = 0.999 * period
         first = [*command, 0.0, -period, *[0.0] * (BLOCK - 1), *[0.0] * self._m]
-        block_state = self.DeclareDiscreteState(first)
-        self._block = int(block_state)
-        reads: set[Any] = {self.time_ticket(), self.discrete_state_ticket(block_state)}
+        self._size = len(first)  # of the memory of the block, in front of that of the loops
+        state = self.DeclareDiscreteState([*first, *LoopMemory() * loops])
+        self._state = int(state)
+        reads: set[Any] = {self.time_ticket(), self.discrete_state_ticket(state)}
         if loops:
-            loops_state = self.DeclareDiscreteState(LoopMemory() * loops)
-            self._memory = int(loops_state)
             self._desired = self.DeclareVectorInputPort("desired_force", loops)
             self._measured = self.DeclareVectorInputPort("measured_force", loops)
-            reads |= {self._desired.ticket(), self._measured.ticket(), self.discrete_state_ticket(loops_state)}
+            reads |= {self._desired.ticket(), self._measured.ticket()}
             self._forces = self.DeclareVectorOutputPort(
                 "forces",
                 (2 + LOOP) * loops,
@@ -110,7 +109,6 @@ class ControllerGuard(PythonBlock):
             ("command", "guarded"): range(self._m),
             ("command_rate", "guarded"): range(len(first), len(first) + self._m),
         }
-        self._size = len(first)
         self._guarded = self.DeclareVectorOutputPort(
             "guarded",
             self._size + self._m * rates,
@@ -121,27 +119,20 @@ class ControllerGuard(PythonBlock):
 
     def put_forces(self, context: Context, output: BasicVector) -> None:
         """Guarded forces, and the memory of the loops after the readings of the tick."""
-        k, limits = self._loops, self._limits
-        memory: Numbers = context.get_discrete_state(self._memory).value().tolist()
-        block: Numbers = context.get_discrete_state(self._block).value().tolist()
-        last = block[self._m + 1]
+        state: Numbers = context.get_discrete_state(self._state).value().tolist()
+        last, memory = state[self._m + 1], state[self._size :]
         if context.get_time() - last >= self._soonest:
-            desired, measured = self._desired.Eval(context), self._measured.Eval(context)
-            first = last < 0.0
-            if k == 1:
-                depth = self._steps.depths(block[: self._m])[0]
-                loop = read(limits, first, memory, desired.item(), measured.item(), depth)
-                output.SetFromVector(np.array([loop.asked, loop.reading, *loop]))
-                return
-            depths = self._steps.depths(block[: self._m])
-            rows = [memory[i : i + LOOP] for i in range(0, k * LOOP, LOOP)]
-            every = zip(self._each, [first] * k, rows, desired.tolist(), measured.tolist(), depths, strict=True)
-            memory = [number for each in every for number in read(*each)]
-        output.SetFromVector(np.array(memory[_ASKED::LOOP] + memory[_READING::LOOP] + memory))
+            desired, measured = self._desired.Eval(context).tolist(), self._measured.Eval(context).tolist()
+            depths, before = self._steps.depths(state[: self._m]), memory
+            memory = []
+            for i, limits in enumerate(self._each):
+                loop = before[i * LOOP : (i + 1) * LOOP]
+                memory += read(limits, last < 0.0, loop, desired[i], measured[i], depths[i])
+        output.get_mutable_value()[:] = memory[_ASKED::LOOP] + memory[_READING::LOOP] + memory
 
     def put_guarded(self, context: Context, output: BasicVector) -> None:
         """Guarded command, status, the memory after the tick, and the rate of the command."""
-        state: Numbers = context.get_discrete_state(self._block).value().tolist()
+        state: Numbers = context.get_discrete_state(self._state).value()[: self._size].tolist()
         after = np.array(self._tick(context, state))
         if self._rate:
             rate = self._rate.Eval(context)
@@ -192,9 +183,10 @@ class ControllerGuard(PythonBlock):
         return Cause.FORCE if largest > self._limits.force else Cause.NONE
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._block, self._guarded.Eval(context)[: self._size])
+        state = next_state.get_mutable_value(self._state)
+        state[: self._size] = self._guarded.Eval(context)[: self._size]
         if self._loops:
-            next_state.set_value(self._memory, self._forces.Eval(context)[2 * self._loops :])
+            state[self._size :] = self._forces.Eval(context)[2 * self._loops :]
 
     def sizes(self) -> tuple[Sequence[int], Sequence[int]]:
         """How `forces` and `guarded` are taken apart: (k, k, rest) and (m, 1, rest), with rates (m, 1, rest, m)."""
