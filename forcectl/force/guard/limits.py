@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
 
 Numbers = list[float]
 
@@ -34,7 +34,8 @@ class Cause(IntEnum):
     ENERGY = 8
 
 
-class GuardLimits(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class GuardLimits:
     """What the guard goes by.
 
     Attributes:

@@ -26,7 +26,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from forcectl.force.guard.limits import APART, Cause, GuardLimits, Numbers
+from forcectl.force.guard.limits import APART, Cause, GuardLimits
 
 STIFFER = 2.5  # c, by which the way of a command explains rates: more would explain surfaces that come closer, too
 TOGETHER = 10  # ticks after which readings that go together count again
@@ -116,7 +116,7 @@ def read(
         measured: force [N].
         depth: displacement of the command of the tick before, pressing is negative [m].
     """
-    last = LoopMemory(*loop)
+    last = LoopMemory._make(loop)
     asked, unasked = last.asked, last.unasked + 1.0
     if -limits.desired <= desired <= limits.desired:
         asked, unasked = desired, 0.0
@@ -128,22 +128,25 @@ def read(
     if first:
         slow_before = slow = shown_before = depth
         zero = -limits.gap
-    verdict = _believed(limits, first, last, measured, same)
+    believed, ticks, before, together, anew = _believed(limits, first, last, measured, same)
     good, missed = last.reading, last.missed + 1.0
     one, two, estimate, rate = last.one, last.two, last.estimate, last.rate
     felt, touches, losses = last.felt, last.touches, last.losses
-    if verdict.anew:  # a step to it would look like a rate
+    if anew:  # a step to it would look like a rate
         one = two = estimate = measured
         rate = 0.0
         if not first:
             # Of a sensor that shows another force at once nothing is known any more but what it showed before.
             zero = slow + limits.compliance * good
-    if verdict.good:
-        for left in range(verdict.ticks - 1, -1, -1):
-            reading = measured - (measured - good) * left / verdict.ticks
+    if believed:
+        for left in range(ticks - 1, -1, -1):
+            reading = measured - (measured - good) * left / ticks
             one, two, estimate, rate = _estimated(limits, reading, one, two, estimate, rate)
         good, missed = measured, 0.0
-        felt, touches, losses = _contact(asked, good, depth, felt, touches, losses)
+        if asked > 0.0 and good > FELT * asked:
+            felt, touches = depth, 1.0 if good > _MADE * asked else touches
+        elif asked > 0.0:
+            touches, losses = 0.0, losses + 1.0 if touches else losses
     worth = (zero - slow) / limits.compliance
     if good >= max(_MADE * asked, limits.response * worth, _SENSED):
         zero = _NEVER
@@ -152,8 +155,9 @@ def read(
     shown = shown_before + limits.settle_own * (depth - shown_before)
     now = (shown_before - shown) / (limits.period * limits.compliance)
     own = max(now, limits.keep_own * last.own)
-    explained = min(max(own, STIFFER * now), max(rate, 0.0))
-    coming = estimate + limits.ahead * (max(rate, 0.0) - explained)
+    rises = max(rate, 0.0)
+    explained = min(max(own, STIFFER * now), rises)
+    coming = estimate + limits.ahead * (rises - explained)
     unseen = max((shown - depth) / limits.compliance, limits.turn * explained)
     coming += min(unseen, limits.ahead * explained)
     # What readings that repeat themselves do not show of the way of the command.
@@ -161,7 +165,7 @@ def read(
     blind = good + (seen - depth) / limits.compliance
     aim, fault, fast, wary = min(asked, _RELEASED * limits.force), Cause.NONE, 0.0, last.wary
     if coming > (_WARY if wary else 1.0) * limits.force:
-        fast = limits.compliance * min(estimate - aim + _LEAP * limits.ahead * max(rate, 0.0), _MOST * limits.force)
+        fast = limits.compliance * min(estimate - aim + _LEAP * limits.ahead * rises, _MOST * limits.force)
         fault, wary = Cause.FORCE, 1.0
     elif losses > limits.losses or (good < FELT * asked and felt - depth > limits.search):
         fault = Cause.CONTACT
@@ -186,31 +190,18 @@ def read(
     released = float(estimate <= aim and rate <= 0.0)
     if estimate < FELT * asked:
         released = APART
-    # By the order of the fields, as names take twice the time.
-    readings = (good, verdict.before, missed, measured, last.raw, verdict.together, same, anchor, asked, unasked)
+    # By the order of the fields, and `_make`, as names take four times the time.
+    readings = (good, before, missed, measured, last.raw, together, same, anchor, asked, unasked)
     contact = (felt, touches, losses, slow, zero, energy)
-    return LoopMemory(fault, released, *readings, one, two, estimate, rate, *contact, fast, shown, own, wary, seen)
+    estimates = (one, two, estimate, rate)
+    return LoopMemory._make((fault, released, *readings, *estimates, *contact, fast, shown, own, wary, seen))
 
 
-class _Verdict(NamedTuple):
-    """What is made of a reading.
-
-    Attributes:
-        good: whether it is believed.
-        ticks: of the estimate that it counts for.
-        before, together: of `LoopMemory`, after it.
-        anew: whether the estimate begins with it.
-    """
-
-    good: bool
-    ticks: int
-    before: float
-    together: float
-    anew: bool = False
-
-
-def _believed(limits: GuardLimits, first: bool, last: LoopMemory, measured: float, same: float) -> _Verdict:
-    """Whether a reading goes on as those before it.
+def _believed(
+    limits: GuardLimits, first: bool, last: LoopMemory, measured: float, same: float
+) -> tuple[bool, int, float, float, bool]:
+    """Whether a reading goes on as those before it, ticks of the estimate that it counts for, `before` and `together`
+    of a `LoopMemory` after it, and whether the estimate begins with it.
 
     Args:
         limits: what the guard goes by.
@@ -223,7 +214,7 @@ def _believed(limits: GuardLimits, first: bool, last: LoopMemory, measured: floa
     plausible = limits.lowest <= measured <= limits.highest
     n = last.missed + 1.0
     if first:
-        return _Verdict(plausible, 1, measured if plausible else before, together, anew=plausible)
+        return plausible, 1, measured if plausible else before, together, plausible
     if plausible and not last.missed and abs(measured - 2 * good + before) <= limits.jump:
         # A reading that repeats the last one tells nothing, unless it goes on doing so: the estimate waits.
         ticks = 1
@@ -231,34 +222,25 @@ def _believed(limits: GuardLimits, first: bool, last: LoopMemory, measured: floa
             ticks = 0 if same else 1 + int(last.same) * (last.same <= TOGETHER)
         elif same == TOGETHER + 1:
             ticks = int(same)
-        return _Verdict(True, ticks, good, together)
+        return True, ticks, good, together, False
     if plausible and together < 0.0 and abs(measured - last.raw) <= abs(good - before) + limits.jump:
         # A sensor that worked, went over to another force at once, as no filter does, and stays there.
-        return _Verdict(False, 1, before, together)
+        return False, 1, before, together, False
     if plausible and same == 0.0 and n <= _NEAR and abs(measured - good - n * (good - before)) <= n * n * limits.jump:
-        return _Verdict(True, int(n), measured - (measured - good) / n, 0.0)
+        return True, int(n), measured - (measured - good) / n, 0.0, False
     if plausible and same == 0.0 and abs(measured - 2 * last.raw + last.raw_before) <= limits.jump:
         # A pull of a surface that cannot pull is not believed of a sensor that shows another force at once.
         if together + 1.0 >= TOGETHER and (measured >= -_SENSED or limits.losses == math.inf):
-            return _Verdict(True, 1, last.raw, 0.0, anew=True)
-        return _Verdict(False, 1, before, together + 1.0)
+            return True, 1, last.raw, 0.0, True
+        return False, 1, before, together + 1.0, False
     # From readings that were none, or repeated themselves, a sensor may go over to another force at once.
     jumped = plausible and not last.missed and last.raw != last.raw_before
-    return _Verdict(False, 1, before, _JUMPED if jumped else 0.0)
+    return False, 1, before, _JUMPED if jumped else 0.0, False
 
 
-def _contact(
-    asked: float, good: float, depth: float, felt: float, touches: float, losses: float
-) -> tuple[float, float, float]:
-    """`felt`, `touches` and `losses` of a `LoopMemory` after a good reading."""
-    if asked <= 0.0:
-        return felt, touches, losses
-    if good > FELT * asked:
-        return depth, 1.0 if good > _MADE * asked else touches, losses
-    return felt, 0.0, losses + 1.0 if touches else losses
-
-
-def _estimated(limits: GuardLimits, reading: float, one: float, two: float, last: float, rate: float) -> Numbers:
+def _estimated(
+    limits: GuardLimits, reading: float, one: float, two: float, last: float, rate: float
+) -> tuple[float, float, float, float]:
     """Both states of the estimate, the estimate and its rate after a reading."""
     if limits.share < 1.0:
         one += limits.share * (reading - one)
@@ -268,4 +250,4 @@ def _estimated(limits: GuardLimits, reading: float, one: float, two: float, last
     else:
         estimate = reading
         rate += 0.1 * ((estimate - last) / limits.period - rate)
-    return [one, two, estimate, rate]
+    return one, two, estimate, rate
