@@ -141,10 +141,11 @@ class KinematicInversion(PythonBlock):
         self._posture = posture_cache(self, robot, self._position)
         context = robot.context_at(self._start)
         first, damped = damped_direction(robot.jacobian(context), self._n, self._limit, self._damping)
-        self._direction = self.DeclareDiscreteState(first)
+        direction = self.DeclareDiscreteState(first)
+        self._direction = int(direction)  # a number is looked up in half of the time
         self._near = self.DeclareDiscreteState([float(damped)])
         self._taken_at = self.DeclareDiscreteState(self._start)
-        reads = {self.discrete_state_ticket(self._direction), self._command.ticket(), self._unconstrained.ticket()}
+        reads = {self.discrete_state_ticket(direction), self._command.ticket(), self._unconstrained.ticket()}
         self.DeclareVectorOutputPort("joint_position_command", q, self._joint_command, prerequisites_of_calc=reads)
         self.DeclareStateOutputPort("near_singular", self._near)
         self.DeclarePeriodicDiscreteUpdateEvent(

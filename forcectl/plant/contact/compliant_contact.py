@@ -179,8 +179,9 @@ class CompliantContact(BatchBlock):
         self._surface = [self.DeclareVectorInputPort(name, size) if v is None else None for name, v in given.items()]
         reads |= {port.ticket() for port in self._surface if port is not None}
         if self._damped or self._dissipates:
-            self._z = self.DeclareDiscreteState(size)
-            reads.add(self.discrete_state_ticket(self._z))
+            z = self.DeclareDiscreteState(size)
+            self._z = int(z)  # a number is looked up in half of the time
+            reads.add(self.discrete_state_ticket(z))
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
         self.DeclareVectorOutputPort("contact_force", size, self._force, prerequisites_of_calc=reads)
 

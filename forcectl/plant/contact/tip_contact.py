@@ -79,12 +79,13 @@ class TipContact(CompliantContact):
         context = self._robot.context_at(self._start)
         self._origin = float(self._n @ self._robot.tip_position(context))
         # n'J, then the displacement it would have at q = 0, then C_R; and the posture they belong to.
-        self._geometry = self.DeclareDiscreteState(self._at(context, self._start))
+        geometry = self.DeclareDiscreteState(self._at(context, self._start))
+        self._geometry = int(geometry)  # a number is looked up in half of the time
         self._taken_at = self.DeclareDiscreteState(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=self._posture_period, offset_sec=0.0, update=self._renew_geometry
         )
-        reads: set[object] = {self._position.ticket(), self.discrete_state_ticket(self._geometry)}
+        reads: set[object] = {self._position.ticket(), self.discrete_state_ticket(geometry)}
         return reads | {self._height.ticket()} if self._height is not None else reads
 
     def _at(self, plant_context: Context, q: Vector) -> Vector:

@@ -176,8 +176,9 @@ class ServoCore(BatchBlock):
         self.port_units = {"reference": f"{unit},{unit}/s", "state": f"{unit},{unit}/s,{unit}"}
         self._reference = self.DeclareVectorInputPort("reference", 2 * size)
         start = batch_values("initial_position", initial_position, size)
-        self._state = self.DeclareDiscreteState(np.concatenate([start, np.zeros(2 * size)]))
-        self.DeclareStateOutputPort("state", self._state)
+        state = self.DeclareDiscreteState(np.concatenate([start, np.zeros(2 * size)]))
+        self._state = int(state)  # a number is looked up in half of the time
+        self.DeclareStateOutputPort("state", state)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
 
     def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:

@@ -129,9 +129,11 @@ class SensorElectronics(BatchBlock):
             raise invalid("seed", seed, f"a whole number, not negative, or a list of {size} of them")
         self._sources = tuple(sources)
         self.reads: set[Any] = {self.time_ticket(), self.all_parameters_ticket()}
-        self._tare = self.DeclareDiscreteState(size) if tare else None
+        self._tare = None
         if tare:
-            self.reads.add(self.discrete_state_ticket(self._tare))
+            zero = self.DeclareDiscreteState(size)
+            self._tare = int(zero)  # a number is looked up in half of the time
+            self.reads.add(self.discrete_state_ticket(zero))
             self.DeclareInitializationDiscreteUpdateEvent(self._tare_update)
         self.declare_ports(unit)
 
