@@ -20,7 +20,14 @@ grows with D. A filter near H/D = Ts/2 would turn round at every tick.
 
 At a switch of modes every coordinate goes on with the position, velocity and acceleration that it was commanded: dx and
 s become part of x_gen. What still complies keeps dv; what begins to and has no target of its own takes as much of the
-velocity for dv as the force asks for in the steady state.
+velocity for dv as the force asks for in the steady state, v = F/D within the limits of dv.
+
+What begins to comply, or to another F_bar, is eased in, within the limits A and J of acceleration and jerk: a changes
+by up to J Ts a tick, towards v, and such that it can still end there as the filter does, in proportion::
+
+    |a| <= min(A, sqrt((l/T + h)^2 + 2 J (|v - dv| - l)) - h),    l = min(|v - dv|, J T^2),    T = H/D,    h = J Ts/2
+
+It is over once the filter asks for that acceleration, but for a tenth of J Ts.
 
 The swing is a sine whose amplitude A + g t grows, with the envelope e that rises in the first period, so that it begins
 at rest::
@@ -149,6 +156,21 @@ class ModeReferences(NamedTuple):
         return inertia, damping
 
 
+def eased_acceleration(missing: Array, time: Array, limits: Limits, period: float) -> Array:
+    """Largest acceleration of what is eased in, towards v; see the module's documentation [u/s^2].
+
+    Args:
+        missing: v - dv [u/s].
+        time: T [s].
+        limits: A and J.
+        period: Ts [s].
+    """
+    distance, step = np.abs(missing), 0.5 * period * limits.jerk
+    linear = np.minimum(distance, limits.jerk * time**2)
+    most = np.sqrt((linear / time + step) ** 2 + 2.0 * limits.jerk * (distance - linear)) - step
+    return np.copysign(np.minimum(most, limits.acceleration), missing)
+
+
 class CompliantReferences(SampledBlock):
     """References of the task coordinates by modes, for a controller that hands back what it commanded.
 
@@ -227,6 +249,7 @@ class CompliantReferences(SampledBlock):
             "trajectory": begin(start)[:].ravel(),
             "swing": np.zeros(3 * k),
             "force": none,  # that coordinates comply to: the measured one behind the hysteresis
+            "eased": none,  # 1 in coordinates that are eased in
             "goal": np.full(k, np.nan),  # where the generator goes to; NaN where it takes on a velocity
             **dict(zip(_REFERENCES, (start, none, none), strict=True)),
             "task_target": start,
@@ -249,12 +272,13 @@ class CompliantReferences(SampledBlock):
         mode = self._modes[number]
         commanded = np.array([inputs[name] for name in _START])
         state = TrajectoryState(memory["trajectory"].reshape(-1, self._size))
-        own, swing = state[:3], memory["swing"].reshape(3, -1)
+        own, swing, eased = state[:3], memory["swing"].reshape(3, -1), memory["eased"] > 0.5
         complies = largest(mode.comply)
         ok, force, pushed = self._felt(mode, memory["force"], inputs["task_force"]) if complies else self._nothing_felt
         if number != before:
             ticks, goal = np.zeros(self._size), np.where(np.isnan(mode.position), commanded[0] + mode.by, mode.position)
             complied = mode.comply & self._modes[before].comply & (before >= 0)
+            eased = mode.comply & (eased | ~complied | (mode.force != self._modes[before].force))
             start = self._taken_over(mode, complied, commanded, own + swing, pushed)
             swing = np.zeros_like(swing)
         else:
@@ -264,10 +288,11 @@ class CompliantReferences(SampledBlock):
             start = np.where(ok, start, start + swing)
             swing, ticks = np.where(ok, swing, 0.0), np.where(ok, ticks, -1.0)
 
-        dx, dv = (commanded - swing - start)[:2]
+        given = commanded - swing - start
+        dx, dv = given[:2]
         after = dv
         if complies:
-            dx, after = self._filtered(mode, commanded[0], dx, dv, pushed)
+            dx, after, eased = self._filtered(mode, commanded[0], given, pushed, eased)
 
         free, wanted = np.isnan(goal) | ~ok, np.where(ok, mode.velocity, 0.0)
         # Ruckig comes back to a velocity limit by way of standstill: that speed is taken on first.
@@ -303,6 +328,7 @@ class CompliantReferences(SampledBlock):
             "trajectory": state[:].ravel(),
             "swing": swing.ravel(),
             "force": force,
+            "eased": eased.astype(float),
             "goal": goal,
             **dict(zip(_REFERENCES, reference, strict=True)),
             "task_target": aims,
@@ -344,11 +370,23 @@ class CompliantReferences(SampledBlock):
         return start
 
     def _filtered(
-        self, mode: ModeReferences, position: Array, dx: Array, dv: Array, force: Array
-    ) -> tuple[Array, Array]:
-        """dx and dv after the tick, with dv within its limits."""
-        Ts, most = self._period, self._period * mode.limits.acceleration
-        moved, speed = admittance_step(dx, dv, force, *mode.admittance_at(position), Ts)
+        self, mode: ModeReferences, position: Array, given: Array, force: Array, eased: Flags
+    ) -> tuple[Array, Array, Flags]:
+        """dx and dv after the tick, with dv within its limits, and what is still eased in.
+
+        Args:
+            given: dx, dv and its acceleration (3, k).
+        """
+        Ts, most, (dx, dv, last) = self._period, self._period * mode.limits.acceleration, given
+        inertia, damping = mode.admittance_at(position)
+        moved, speed = admittance_step(dx, dv, force, inertia, damping, Ts)
         lower, upper = np.minimum(mode.slowest, dv + most), np.maximum(mode.fastest, dv - most)
         limited = np.minimum(np.maximum(speed, lower), upper)
-        return moved + 0.5 * Ts * (limited - speed), limited
+        if largest(eased):
+            step = Ts * mode.limits.jerk
+            steady = np.minimum(np.maximum(force / damping, mode.slowest), mode.fastest)
+            gentle = eased_acceleration(steady - dv, inertia / damping, mode.limits, Ts)
+            slow = dv + Ts * np.minimum(np.maximum(gentle, last - step), last + step)
+            eased = eased & (np.abs(limited - slow) > 0.1 * Ts * step)
+            limited = np.where(eased, np.minimum(np.maximum(slow, lower), upper), limited)
+        return moved + 0.5 * Ts * (limited - speed), limited, eased
