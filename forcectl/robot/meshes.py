@@ -23,6 +23,7 @@ from scipy.spatial import ConvexHull, QhullError
 Array = NDArray[np.float64]
 
 _THINNEST = 1e-3  # [m], of a box: contact needs a volume
+_LONGEST = 30.0  # [m] of a mesh: more is one in millimetres
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,10 @@ def mesh_enclosure(file: Path, scale: Array) -> Enclosure:
     """The `enclosure` of a mesh file, scaled by (3,) [1].
 
     Raises:
-        ValueError, OSError: see `mesh_points`.
+        ValueError, OSError: see `mesh_points`; or it is larger than a link can be.
     """
     x, y, z = map(float, scale)
-    return _enclosure_of(file, file.stat().st_mtime_ns, (x, y, z))
+    found = _enclosure_of(file, file.stat().st_mtime_ns, (x, y, z))
+    if (length := 2.0 * float(found.half.max() + found.radius)) > _LONGEST:
+        raise ValueError(f"{length:.3g} m long: must be at most {_LONGEST:g} m; scale = 0.001 is for millimetres")
+    return found

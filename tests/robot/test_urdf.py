@@ -157,6 +157,16 @@ def test_a_missing_mesh_is_told_and_only_refused_where_it_matters(arm):
         robot.parts.require_shapes()
 
 
+def test_a_mesh_in_millimetres_is_told(arm):
+    text = (arm / "arm.urdf").read_text()
+    (arm / "arm.urdf").write_text(text.replace('link_4.stl"', 'link_4.stl" scale="1000 1000 1000"'))
+    (missing,) = read_urdf(arm / "arm.urdf").missing_shapes
+    assert missing.startswith("link link_4: collision mesh package://acme_support/meshes/link_4.stl: ")
+    assert missing.endswith(" m long: must be at most 30 m; scale = 0.001 is for millimetres")
+    with pytest.raises(BadInputError, match=r"collision shapes are missing: link link_4: .* m long: must be"):
+        RobotModel.load(arm, None).parts.require_shapes()
+
+
 def test_an_inertia_that_no_body_has_is_raised(tmp_path):
     text = (write_planar_robot(tmp_path) / "planar.urdf").read_text()
     (tmp_path / "planar.urdf").write_text(text.replace('ixx="0.001" iyy="0.03"', 'ixx="0.01" iyy="0.01"'))
