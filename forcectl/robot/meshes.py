@@ -42,13 +42,13 @@ class Enclosure:
 
 
 def mesh_points(file: Path) -> Array:
-    """Corners of all faces of an STL or COLLADA file, (k, 3), in the units of the file, COLLADA in [m].
+    """Corners of all faces of an STL, OBJ or COLLADA file, (k, 3), in the units of the file, COLLADA in [m].
 
     Raises:
         ValueError: another kind of file, or one that holds no points.
         OSError: it cannot be read.
     """
-    read = {".stl": _stl_points, ".dae": _collada_points}.get(file.suffix.lower())
+    read = {".stl": _stl_points, ".obj": _obj_points, ".dae": _collada_points}.get(file.suffix.lower())
     if read is None:
         raise ValueError(f"{file.suffix or 'no'} mesh: must be .obj, .vtk, .gltf, .stl or .dae")
     points = np.unique(read(file.read_bytes()), axis=0)
@@ -64,6 +64,11 @@ def _stl_points(data: bytes) -> Array:
         corners = facets[:, 12:48].copy().view("<f4").reshape(-1, 3)
         return corners.astype(float)
     found = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", data)
+    return np.array([[float(x) for x in row] for row in found], dtype=float).reshape(-1, 3)
+
+
+def _obj_points(data: bytes) -> Array:
+    found = re.findall(rb"^\s*v\s+(\S+)\s+(\S+)\s+(\S+)", data, re.MULTILINE)
     return np.array([[float(x) for x in row] for row in found], dtype=float).reshape(-1, 3)
 
 

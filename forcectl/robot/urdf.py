@@ -250,7 +250,8 @@ class _Rewriting:
             mesh.set("filename", str(file))
             self._changed = True
         suffix = file.suffix.lower()
-        if suffix in _BY_DRAKE or (visual and suffix != ".stl"):
+        by_drake = suffix in _BY_DRAKE or (visual and suffix != ".stl")
+        if by_drake and (visual or suffix != ".obj"):
             return
         scale = np.array(numbers_in(mesh.get("scale", "")) or [1.0, 1.0, 1.0])
         try:
@@ -260,6 +261,8 @@ class _Rewriting:
             self._found.notes.append(f"{what}: {' '.join(str(error).split())}, left out")
             if not visual:
                 self._found.missing_shapes.append(f"{what}: {' '.join(str(error).split())}")
+            return
+        if by_drake:  # looked at for its size only
             return
         _put(shape, around)
         self._changed = True

@@ -157,11 +157,13 @@ def test_a_missing_mesh_is_told_and_only_refused_where_it_matters(arm):
         robot.parts.require_shapes()
 
 
-def test_a_mesh_in_millimetres_is_told(arm):
+@pytest.mark.parametrize("mesh", ["link_4.stl", "link_4.obj"])
+def test_a_mesh_in_millimetres_is_told(arm, mesh):
+    (arm.parent / "meshes" / "link_4.obj").write_text("v 0 0 0\nv 0.3 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\n")
     text = (arm / "arm.urdf").read_text()
-    (arm / "arm.urdf").write_text(text.replace('link_4.stl"', 'link_4.stl" scale="1000 1000 1000"'))
+    (arm / "arm.urdf").write_text(text.replace('link_4.stl"', f'{mesh}" scale="1000 1000 1000"'))
     (missing,) = read_urdf(arm / "arm.urdf").missing_shapes
-    assert missing.startswith("link link_4: collision mesh package://acme_support/meshes/link_4.stl: ")
+    assert missing.startswith(f"link link_4: collision mesh package://acme_support/meshes/{mesh}: ")
     assert missing.endswith(" m long: must be at most 30 m; scale = 0.001 is for millimetres")
     with pytest.raises(BadInputError, match=r"collision shapes are missing: link link_4: .* m long: must be"):
         RobotModel.load(arm, None).parts.require_shapes()
