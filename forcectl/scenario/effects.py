@@ -76,6 +76,7 @@ def check_effects(scenario: Scenario) -> None:
             if (value := getattr(station, name)) != none:
                 raise invalid(f"station.{name}", value, "left out with elastic_joints = false: rigid joints have none")
     _check_loads(station.loads)
+    _check_pressed(scenario)
     for key, part in configs(station.environment, "station.environment"):
         stiffness, damping = (getattr(part, name, None) for name in _OF_MATERIALS)
         if isinstance(stiffness, float) and isinstance(damping, float) and damping > _RELAXED * stiffness:
@@ -88,6 +89,14 @@ def check_effects(scenario: Scenario) -> None:
         if not none and field.name != "ideal" and given != default_of(field):
             key = f"station.drive.servo.{field.name}"
             raise invalid(key, given, "left out with ideal = true: an ideal servo has no loops and no friction")
+
+
+def _check_pressed(scenario: Scenario) -> None:
+    """What modes press with is below the force that the guard stops at."""
+    maximum = None if scenario.guard is None else scenario.guard.maximum_force
+    for key, part in configs(scenario.controller, "controller") if maximum is not None else ():
+        if getattr(part, "comply", False) is True and (force := abs(getattr(part, "force", 0.0))) >= maximum:
+            raise invalid("guard.maximum_force", maximum, f"above {key}.force, {force:g} N")
 
 
 def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> list[str]:

@@ -6,7 +6,7 @@ import pytest
 
 from forcectl.errors import BadInputError
 from forcectl.runs.run import run
-from forcectl.scenario.scenario import build
+from forcectl.scenario.scenario import build, load_scenario
 
 SEGMENTS = "materials: {segments: [{material: plastic, start: -1, end: 1}]}"
 # Text of a scenario; how the message goes on after file and line.
@@ -111,6 +111,12 @@ def test_loads_that_cancel_each_other_for_a_while_are_not(tmp_path):
     file = tmp_path / "own.yaml"
     file.write_text(LATER)
     assert build(file).workcell.contact.name == "environment"
+
+
+def test_a_guard_that_stops_what_a_mode_presses_with_is_refused():
+    with pytest.raises(BadInputError, match=r"maximum_force = 6.5: must be above controller.modes.align.*force, 7 N"):
+        load_scenario("peg_in_hole", None, {"guard.maximum_force": 6.5})
+    load_scenario("peg_in_hole", None, {"guard.maximum_force": 7.5})
 
 
 def test_a_motion_that_an_override_cuts_short_need_not_meet_all_heights(tmp_path):
