@@ -9,6 +9,7 @@ A data sheet gives limits, seldom anything of motors and gears. From the largest
     transmission damping   4 % of critical, 2 * 0.04 * sqrt(stiffness * B)
     Coulomb friction       5 % of tau, unless a joint of the model has any
     viscous friction       15 % of tau at v, unless a joint of the model has any
+    velocity loops         tuned for the rotors alone, where the rotor inertia is assumed as well
 
 A friction of 0 that all joints of a model have is a simulator's: a joint that nothing sticks in feels forces too well.
 
@@ -38,6 +39,7 @@ DAMPING_RATIO = 0.04
 COULOMB_SHARE, VISCOUS_SHARE = 0.05, 0.15
 ASSUMED_SET = "assumed"
 OF_MODEL = "the model's"
+ROTORS_ALONE = "the rotors alone, joint side: soft where links are heavier"
 
 
 def completed(
@@ -105,6 +107,8 @@ def completed(
     fill("viscous_friction", rule, lambda: VISCOUS_SHARE * torque / velocity)
     if not values:
         return parameters
+    if "rotor_inertia" in assumed and not len(parameters.velocity_loop_inertia):
+        assumed["velocity_loop_inertia"] = ROTORS_ALONE
     made = replace(parameters, **values)
     made.assumed = assumed
     return made

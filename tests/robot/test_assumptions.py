@@ -25,16 +25,18 @@ def test_everything_left_out_follows_the_rules(tmp_path):
     np.testing.assert_allclose(parameters.viscous_friction * 2, 7.5)
     np.testing.assert_allclose(parameters.viscous_friction_backward, parameters.viscous_friction)
     np.testing.assert_allclose(parameters.acceleration_limit, 2 / 0.15)
-    assert set(parameters.assumed) == {*DERIVED[2:7], "joint_stiffness", "acceleration_limit"}
+    assert set(parameters.assumed) == {
+        *DERIVED[2:7], "joint_stiffness", "acceleration_limit", "velocity_loop_inertia"
+    }  # fmt: skip
     assert parameters.assumed["coulomb_friction"] == "5 % of the largest torque"
 
 
 def test_what_is_given_stays_and_is_not_called_assumed(tmp_path):
-    given = LITTLE + "coulomb_friction: [1, 2, 3]\ngear_ratio: [50, 50, 50]\n"
+    given = LITTLE + "coulomb_friction: [1, 2, 3]\ngear_ratio: [50, 50, 50]\nvelocity_loop_inertia: [1, 1, 1]\n"
     parameters = RobotModel.load(write_planar_robot(tmp_path, given), None).parameters
     np.testing.assert_allclose(parameters.coulomb_friction, [1, 2, 3])
     np.testing.assert_allclose(parameters.rotor_inertia * 50**2, 0.5)
-    assert not {"coulomb_friction", "gear_ratio"} & set(parameters.assumed)
+    assert not {"coulomb_friction", "gear_ratio", "velocity_loop_inertia"} & set(parameters.assumed)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable, Joint, ModelInstanceIndex, PrismaticJoint, RevoluteJoint
+from pydrake.multibody.tree import (
+    JacobianWrtVariable,
+    Joint,
+    ModelInstanceIndex,
+    PrismaticJoint,
+    RevoluteJoint,
+    RigidBody,
+)
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import RobotShapes
@@ -34,6 +41,7 @@ _FLANGE = re.compile(r"(tool0|flange|ee_link|tcp|tool_link|link_eef?|_hand|hand_
 _SIDES = {side: re.compile(rf"{side}|^{side[0]}_|_{side[0]}(_|$)", re.IGNORECASE) for side in ("left", "right")}
 _ARM = 4  # joints at least, of one of several arms
 _TOOL = 0.15  # [m]
+_ON_AXIS = 1e-3  # [m] from the axis of the last joint
 _WIDEST = np.radians(135.0)
 TOUCHING = 0.0105  # [m], nearer than this `LinkDistance` is violated at its default of 10 mm
 _SAMPLES, _KEPT, _PAIRS_LOOKED_AT = 1500, 12, 150
@@ -88,9 +96,9 @@ class ModelTree:
                     bodies.append(joint.child_body())
                     look.append(int(joint.child_body().index()))
         named = [body for body in bodies if _FLANGE.search(body.name())]
-        flange = (named or bodies[:1])[0]
         plant, context = self.plant, self.plant.CreateDefaultContext()
         axis = _axis(last)
+        flange = (named or self._frame_on(last, bodies[1:]) or bodies[:1])[0]
         if axis is None:
             return flange.name(), np.zeros(3)
         R_FW = plant.EvalBodyPoseInWorld(context, flange).rotation().inverse()
@@ -105,6 +113,20 @@ class ModelTree:
         x = x - (x @ z) * z
         R = RotationMatrix(np.column_stack([x / np.linalg.norm(x), np.cross(z, x / np.linalg.norm(x)), z]))
         return flange.name(), np.degrees(RollPitchYaw(R).vector()).round(3) + 0.0
+
+    def _frame_on(self, last: Joint, bodies: list[RigidBody]) -> list[RigidBody]:
+        """The one link without mass of these whose origin lies on the axis of the last joint; a camera's does not."""
+        axis, context = _axis(last), self.plant.CreateDefaultContext()
+        if not isinstance(last, RevoluteJoint) or axis is None:
+            return []
+        X_JW = last.frame_on_child().CalcPoseInWorld(context).inverse()
+        off = [np.cross(axis, X_JW @ self.plant.EvalBodyPoseInWorld(context, body).translation()) for body in bodies]
+        found = [
+            body
+            for body, apart in zip(bodies, off, strict=True)
+            if body.default_mass() == 0 and np.linalg.norm(apart) < _ON_AXIS
+        ]
+        return found if len(found) == 1 else []
 
     def _moves(self, joint: Joint) -> bool:
         known = self.urdf.joints.get(joint.name())

@@ -94,6 +94,8 @@ def _assumed(parameters: ControlParameters) -> Table:
     table = new_table("Assumed, because it is left out", "key", "rule", "values")
     for name, rule in parameters.assumed.items():
         value = getattr(parameters, name)
+        if name == "velocity_loop_inertia":
+            value = parameters.rotor_inertia * parameters.gear_ratio**2
         numbers = next(iter(value.values())) if isinstance(value, dict) else value
         table.add_row(name, escape(rule), ", ".join(f"{each:.3g}" for each in numbers))
     return table

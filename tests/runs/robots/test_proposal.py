@@ -77,3 +77,13 @@ def test_an_arm_joint_with_a_rod_that_follows_it_is_no_gripper(tmp_path):
 def test_a_frame_that_carries_tools_is_the_flange(tmp_path, name):
     camera = moved("link_6", "camera_mount", "camera", kind="fixed")
     assert proposed(tmp_path, camera, arm_xml("acme", effort=100).replace("tool0", name))["flange_frame"] == name
+
+
+def test_a_frame_of_any_name_on_the_axis_of_the_last_joint_is_the_flange(tmp_path):
+    arm = arm_xml("acme", effort=100).replace("tool0", "mech_if")
+    eye = '<link name="eye"/><joint name="eye_mount" type="fixed"><parent link="link_6"/><child link="eye"/>'
+    eye += '<origin xyz="0.05 0 0.06"/></joint>'
+    found = proposed(tmp_path, eye, arm)
+    assert found["flange_frame"] == "mech_if"
+    beside = eye.replace("eye", "other").replace("0.06", "0.0")  # two of them: none can be told from the other
+    assert proposed(tmp_path, eye + beside, arm)["flange_frame"] == "link_6"
