@@ -126,7 +126,10 @@ def _losses(log: Pressing) -> list[slice]:
 
 
 def _command(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
-    """A command that stands at its extreme though the force is off on the side that more of it would help."""
+    """A command that stands at its extreme though the force is off on the side that more of it would help.
+
+    A force that arrives while the command stands there, under the same reference, needed no more: the drives lag.
+    """
     command = log.command
     if command is None or not np.ptp(command) > 0:
         return
@@ -136,8 +139,13 @@ def _command(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         "highest": (command.max() - command, log.true - log.desired, "above"),
     }
     for end, (apart, error, side) in ends.items():
-        stands = (apart <= _STANDS) & (error > off) & log.closed & (log.desired > 0)
-        parts = [part for part in stretches(stands) if lasts(log.time, part) >= config.saturated]
+        at_end, missing = (apart <= _STANDS) & log.closed & (log.desired > 0), error > off
+        arrives = at_end[1:] & ~missing[1:] & (np.diff(log.desired) == 0)
+        parts = [
+            part
+            for part in stretches(at_end & missing)
+            if lasts(log.time, part) >= config.saturated and not arrives[part.stop - 1 : part.stop].any()
+        ]
         if parts:
             longest = max(parts, key=lambda part: lasts(log.time, part))
             extreme = command.min() if end == "lowest" else command.max()

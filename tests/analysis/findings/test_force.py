@@ -238,6 +238,16 @@ def test_a_command_is_saturated_only_where_more_of_it_would_help() -> None:
     assert {one.kind for one in judged(short, command=-ramp)} == {"not_settled"}
 
 
+def test_a_command_at_its_extreme_at_which_the_force_arrives_is_not_saturated() -> None:
+    late, command = np.clip(5.0 * TIME, 0.0, 10.0), -1e-3 * np.clip(TIME, 0.0, 0.2)
+    assert late[-1] == 10.0
+    assert judged(late, command=command) == []
+    # A reference that falls to the force ends a stand, too: there more was needed.
+    desired = np.where(TIME < 3.0, 10.0, 6.0)
+    at_once = np.where(TIME < 0.2, 30.0 * TIME, 6.0)
+    assert "command_saturated" in {one.kind for one in judged(at_once, command=command, desired=desired)}
+
+
 def test_a_run_of_a_few_samples_is_no_chatter_and_warns_of_nothing(recwarn: pytest.WarningsRecorder) -> None:
     of_few = {one.kind for samples in range(2, 9) for one in found(**noisy(5.0) | {"duration": 0.002 * samples})}
     assert "chatter" not in of_few
