@@ -24,6 +24,7 @@ from forcectl.cli.options import (
     terminal,
 )
 from forcectl.cli.robot import say_assumed
+from forcectl.errors import BadInputError
 from forcectl.interrupts import say_when_interrupted
 from forcectl.runs.terminal.realtime import check_realtime_rate
 
@@ -165,6 +166,7 @@ def show(
     from forcectl.runs.claims.found import PARTIAL, found_at
     from forcectl.runs.stored import read_reproduction, read_run
     from forcectl.runs.terminal.tables import reproduction_lines
+    from forcectl.sweeps.results import IDENTITY
 
     if (verdicts := read_reproduction(directory)) is not None:
         if as_json:
@@ -172,6 +174,11 @@ def show(
         else:
             terminal().print(reproduction_lines(verdicts.items()))
         return
+    if os.path.isfile(directory / IDENTITY):
+        raise BadInputError(
+            f"{str(directory)!r} is the directory of a sweep, not of a run: open {directory / 'report.html'}, or see "
+            f"`forcectl sweep {directory} --status`"
+        )
     written = os.path.isdir(directory) and not directory.name.endswith(PARTIAL)
     if not written and (partial := found_at(directory)) is not None:
         typer.echo(f"{partial.directory}: {partial.state}")

@@ -98,6 +98,10 @@ def test_show_refuses_what_is_no_run_and_draws_what_was_interrupted(forcectl, tm
     (tmp_path / "other").mkdir()
     code, _, err = forcectl("show", "other")
     assert (code, err[:45]) == (2, "error: 'other' is not the directory of a run:")
+    (tmp_path / "other/sweep.json").write_text("{}")
+    code, _, err = forcectl("show", "other")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "of a sweep, not of a run: open other/report.html, or see `forcectl sweep other --status`" in err
 
     def press(name, share):
         if share >= 0.5:
