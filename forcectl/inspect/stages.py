@@ -83,22 +83,34 @@ def _declared_diagram(hops: Hops, way: list[Hop], start: int) -> tuple[Stage, in
 def samples_through(values: StartValues, hop: Hop) -> int | None:
     """Samples between a change at the input and the first change a reader of the same period sees at the output.
 
-    Two copies of the block run from the same start, one with its input disturbed. None: no change was seen within
-    200 samples, or the block cannot be run alone.
+    Two copies of the block run from the same start, one with its input disturbed; the others are as at the start of the
+    diagram, or zero, where the former hold the block at a limit. The shortest count is the block's. None: no change was
+    seen within 200 samples, or the block cannot be run alone.
     """
     if hop.event is None or isinstance(values.wiring.systems[hop.block], MultibodyPlant):
         return None
     if not all(is_vector(values.wiring.port(port)) for port in (hop.input, hop.output)):
         return None
+    least = _least(values, hop, hop.event, at_zero=False)
+    if least == 1:
+        return least
+    return min(filter(None, (least, _least(values, hop, hop.event, at_zero=True))), default=None)
+
+
+def _least(values: StartValues, hop: Hop, event: PeriodicEvent, at_zero: bool) -> int | None:
     try:
-        return min((n for step in _STEPS if (n := _count(values, hop, hop.event, step)) is not None), default=None)
+        return min((n for step in _STEPS if (n := _count(values, hop, event, step, at_zero)) is not None), default=None)
     except FAILURES:
         return None
 
 
-def _count(values: StartValues, hop: Hop, event: PeriodicEvent, step: float) -> int | None:
+def _count(values: StartValues, hop: Hop, event: PeriodicEvent, step: float, at_zero: bool) -> int | None:
     plain, disturbed = values.block_context(hop.block), values.block_context(hop.block)
     port, output = values.wiring.port(hop.input), values.wiring.port(hop.output)
+    for context in (plain, disturbed) if at_zero else ():
+        for reader in map(values.wiring.port, values.wiring.inputs(hop.block)):
+            if is_vector(reader) and reader.HasValue(context):
+                reader.FixValue(context, np.zeros(reader.size()))
     port.FixValue(disturbed, port.Eval(plain) + step)
     runs = [Simulator(values.wiring.systems[hop.block], context) for context in (plain, disturbed)]
     for run in runs:
