@@ -328,7 +328,7 @@ def build(
     fidelity: str | None = None,
     allow_imports: Sequence[str] = (),
 ) -> Loop:
-    """The loop of a scenario as a diagram.
+    """The loop of a scenario: its attribute `diagram` is the Drake diagram, with `controller` and `station` inside.
 
     Args:
         scenario: name of a shipped experiment, path of a YAML file, its content as a mapping, or a `Scenario`.

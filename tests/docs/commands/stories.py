@@ -129,6 +129,7 @@ STORIES = {
         Step("forcectl check fig_2_7 --from station.measured_force --to station.joint_position_command",
              ("station.joint_position_command -> station.measured_force", "total", "Dead time once around the loop:")),
         Step("forcectl graph fig_2_7", ("fig_2_7.svg",), check=draws("fig_2_7.svg", "controller", "station")),
+        Step("forcectl graph fig_2_7 --depth 2", ("fig_2_7.svg",), check=draws("fig_2_7.svg", "force_law", "guard")),
         Step("forcectl graph fig_2_7 --format pdf --depth 2 --out loop.pdf", ("loop.pdf",),
              check=draws("loop.pdf", "%PDF")),
         Step("forcectl graph fig_2_7 --format html --out loop.html", ("loop.html",),
