@@ -106,7 +106,10 @@ class Imports:
         try:
             loaded = self._imported(module)
             if not hasattr(loaded, name):
-                known = [each for each in vars(loaded) if not each.startswith("_")]
+                public = {each: thing for each, thing in vars(loaded).items() if not each.startswith("_")}
+                top = module.partition(".")[0]  # what the package defines itself, and not what it imports
+                own = [each for each in public if str(getattr(public[each], "__module__", "")).partition(".")[0] == top]
+                known = sorted(own or public)
                 raise BadInputError(f" = {show(path)}: {unknown(f'name in {module}', name, known, _NAMED)}", key=key)
             found = getattr(loaded, name)
         except (BadInputError, KeyboardInterrupt):
