@@ -251,6 +251,7 @@ class ContactTruthConfig(Config):
     """Scenario part `!ContactTruth`: the true wrench of contacts between named bodies, for the log and for judging.
 
     A body is named as in the plant, "left_link_7" or "left_yumi_gripper::base"; the name of a model is all its bodies.
+    Every `!Box` is of the body "world".
     """
 
     on: list[str] = key(meaning="bodies that are acted on")
@@ -272,6 +273,9 @@ class ContactTruthConfig(Config):
         """
         if site.plant is None:
             raise BadInputError("contacts between bodies need the fidelity Multibody")
+        for key_name, names in (("on", self.on), ("by", self.by)):
+            if boxes := [name for name in names if name in site.workcell.obstacles]:
+                raise invalid(key_name, names, f"bodies; the box {boxes[0]!r} is of the body 'world', as all boxes are")
         on = bodies_named(site.plant, self.on, "on")
         by = bodies_named(site.plant, self.by, "by") if self.by else None
         if by is not None and on & by:

@@ -13,6 +13,8 @@ from forcectl.diagrams import ContactTruthConfig, JointReadingsConfig, describe
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.diagrams.station import build_station
 from forcectl.errors import BadInputError
+from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from tests.examples.stations import free, pressing
 
 TICK = 0.004
@@ -112,6 +114,19 @@ def test_bodies_and_frames_that_are_not_there_are_refused(keys, message):
         station(pair=ContactTruthConfig(**keys))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_box_is_no_body_even_where_a_body_has_its_name():
+    box = ObstacleConfig(size=[0.1, 0.1, 0.1], position=[0.0, 0.0, -1.0])
+    for name in ("table", "left_link_7"):
+        config = free(self_collision=True)
+        config = replace(
+            config,
+            environment=EnvironmentPartsConfig(parts={name: box}),
+            sensors={**config.sensors, "pair": ContactTruthConfig(on=["right_yumi_gripper"], by=[name])},
+        )
+        with pytest.raises(BadInputError, match=f"the box '{name}' is of the body 'world', as all boxes are"):
+            build_station(describe(config), 0)
 
 
 def test_a_station_without_bodies_is_refused():

@@ -149,6 +149,8 @@ class TaskControllerConfig(Config):
             for name in pair:
                 if name not in known:
                     raise unknown("shape", name, known).at(f"{key}.{i}")
+                if name in shapes.names and name in model.obstacles:
+                    raise invalid(f"{key}.{i}", pair, f"of one meaning: {name!r} is a box and a shape of the robot")
         boxes = [Obstacle(Box(*box.size), box.pose, name) for name, box in model.obstacles.items()]
         of_boxes = [(a, b) for a, b in touching if a in model.obstacles or b in model.obstacles]
         of_links = [(a, b) for a, b in touching if (a, b) not in of_boxes]

@@ -362,6 +362,13 @@ def test_a_mode_that_does_not_fit_is_told_in_one_line(changed: tuple[str, str], 
     assert "\n" not in str(caught.value)
 
 
+def test_a_name_of_a_box_and_of_a_shape_says_neither() -> None:
+    made = of_modes(MODES)
+    made.station.environment.parts["right_link_7"] = ObstacleConfig(size=[0.1, 0.1, 0.1], position=[0.0, 0.0, -1.0])
+    with pytest.raises(BadInputError, match=r"touching.0 = .*: 'right_link_7' is a box and a shape of the robot"):
+        fc.build(made)
+
+
 def test_the_signal_of_the_modes_must_be_there() -> None:
     made = of_modes(MODES)
     made.estimators.clear()
