@@ -18,7 +18,7 @@ from pydrake.multibody.tree import RevoluteJoint
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, place, plain
-from forcectl.models import ROBOT_PARAMETERS, robot_folder
+from forcectl.models import ROBOT_PARAMETERS, TOOL_PARAMETERS, robot_folder
 from forcectl.robot.assumptions import ACCELERATION_TIME
 from forcectl.robot.checks import about_file, check_drives, check_lists, check_weight
 from forcectl.robot.model_file import ModelFile, add_models
@@ -134,6 +134,8 @@ def examine_robot(folder: str | Path) -> RobotReport:
     report = RobotReport(path.parent if given else robot_folder(folder))
     try:
         file = _keys_file(report)
+        if not file and (tools := sorted(report.folder.glob(TOOL_PARAMETERS))):
+            raise BadInputError(f"is the folder of a tool, by {tools[0].name}: name it as `station.tool` of a scenario")
         keys = read_keys(file) if file else Tagged()
         if file and not keys:
             report.notes.append(f"{file.name} is empty: as if there were none")
