@@ -12,6 +12,7 @@ from forcectl.figures.force import NOTHING, Found, colour_of, legend_above, mark
 
 _LOCAL = "estimated_local_wrench"
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2))}
+_AT_REST = 1e-3  # [rad/s], shown at least
 # A signal that has a number in all components that there are, by their dimension.
 _OF_COMPONENTS = {
     "joint": "link_position",
@@ -63,6 +64,8 @@ def speed_figure(log: Any, title: str = "") -> Figure:
     for i, (arm, axes) in enumerate(zip(arms, rows, strict=True)):
         for k, joint in enumerate(joints[i * each : (i + 1) * each]):
             axes.plot(log["time"], log["link_velocity"].sel(joint=joint), color=colour_of(k), lw=1.2, label=joint)
+        least, most = axes.get_ylim()  # the rounding of an arm that stands is no motion
+        axes.set_ylim(min(least, -_AT_REST), max(most, _AT_REST))
         axes.set_ylabel(f"{arm}: joint speed [rad/s]")
         legend_above(axes, 7, 7.0)
     return figure

@@ -51,7 +51,8 @@ def _counted(numbers: type[IntEnum]) -> str:
 # Numbers that are not one thing but several, digit by digit.
 _COMMENTS = {
     "status": f"hundreds, what the guard does: {_counted(Reaction)}; tens, why: {_counted(Cause)}; "
-    f"ones, the controller's own: {_counted(Status)}"
+    f"ones, the controller's own: {_counted(Status)}",
+    "wrench_deviation": "standard deviations of the estimated wrenches, in the axes of each TCP",
 }
 _MEANINGS = {"governor_status": _words(Status)}
 

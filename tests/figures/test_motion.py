@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pytest
+import xarray as xr
+
 import forcectl as fc
 from forcectl.analysis.slot import run_figures
+from forcectl.figures.motion import speed_figure
 
 
 def test_a_variant_without_readings_of_joints_costs_no_figure() -> None:
@@ -13,3 +18,14 @@ def test_a_variant_without_readings_of_joints_costs_no_figure() -> None:
     assert {"force", "motion", "forces_joints"} <= {*figures}
     assert "forces_plain" not in figures
     assert {line.get_label() for line in figures["motion"].axes[0].lines} >= {f"joint_{k}" for k in range(1, 7)}
+
+
+@pytest.mark.parametrize(("speed", "shown"), [(1e-12, 1e-3), (0.5, 0.5)])
+def test_the_rounding_of_an_arm_that_stands_is_not_drawn_as_motion(speed, shown) -> None:
+    time = np.linspace(0.0, 1.0, 50)
+    values = speed * np.sin(20.0 * time)[:, None]
+    log = xr.Dataset(
+        {"link_velocity": (("time", "joint"), values)}, {"time": time, "joint": ["elbow"], "arm": ["left"]}
+    )
+    (axes,) = speed_figure(log).axes
+    assert axes.get_ylim() == pytest.approx((-shown, shown), rel=0.11)

@@ -60,6 +60,12 @@ def test_the_names_of_values_stand_in_the_log_and_the_file(tmp_path):
     assert mixed == {"units": "1", "long_name": "mode", "comment": CONVENTIONS["mode"].meaning}
 
 
+def test_the_log_says_in_which_axes_deviations_are():
+    signals = {"wrench_deviation": LoggedSignal(slice(0, 4), "N", None)}
+    comment = to_dataset(*samples(), signals, "a")["wrench_deviation"].attrs["comment"]
+    assert comment == "standard deviations of the estimated wrenches, in the axes of each TCP"
+
+
 def test_one_variant_is_one_dimensional_with_units_and_joint_names():
     times, values = samples()
     log = to_dataset(times, values, SIGNALS, "soft")
