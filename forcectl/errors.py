@@ -11,9 +11,14 @@ from __future__ import annotations
 
 import copy
 import difflib
+import sys
+import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
+
+_LIBRARIES = frozenset({"forcectl", "pydrake", "numpy", "scipy"})
 
 
 class ForcectlError(Exception):
@@ -74,6 +79,16 @@ def one_line(error: BaseException, longest: int | None = None) -> str:
         text = f"its text raises {type(another).__name__}"
     text = " ".join(f"{type(error).__name__}: {text}".split())
     return text if longest is None or len(text) <= longest else f"{text[:longest]}..."
+
+
+def place_in_code(error: BaseException) -> str:
+    """Where code of a user raised an exception, such as " (my_law.py:14)"; "" of one that none of it did."""
+    found = ""
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        top = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        if top not in _LIBRARIES and top not in sys.stdlib_module_names:
+            found = f" ({Path(frame.f_code.co_filename).name}:{line})"
+    return found
 
 
 def invalid(key: str, value: object, allowed: str) -> BadInputError:

@@ -6,7 +6,7 @@ import pickle
 
 import pytest
 
-from forcectl.errors import BadInputError, about, invalid, one_line, parts_of, show, unknown
+from forcectl.errors import BadInputError, about, invalid, one_line, parts_of, place_in_code, show, unknown
 
 
 def test_a_value_that_is_not_allowed():
@@ -22,6 +22,14 @@ def test_a_full_key_and_a_place_are_put_in_front():
     assert str(unknown("arm", "lft", ["left", "right"]).at("loads.0.arm", "own.yaml:3")) == (
         "own.yaml:3: loads.0.arm: unknown arm 'lft': did you mean 'left'? known: left, right"
     )
+
+
+def test_the_place_in_code_is_the_last_of_a_user():
+    own = compile("\n\nimport json\njson.loads('{')", "folder/my_law.py", "exec")
+    with pytest.raises(ValueError, match="line 1") as caught:
+        exec(own, {"__name__": "my_law"})
+    assert place_in_code(caught.value) == " (my_law.py:4)"
+    assert place_in_code(KeyError("never raised")) == ""
 
 
 @pytest.mark.parametrize(

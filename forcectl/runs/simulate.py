@@ -18,7 +18,7 @@ from pydrake.systems.framework import Context, Diagram, System
 from forcectl.analysis.findings.finding import RunFinding
 from forcectl.diagrams.loop import Loop
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError, RunFailedError
+from forcectl.errors import BadInputError, RunFailedError, place_in_code
 from forcectl.interrupts import Interrupts
 from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
 from forcectl.runs.probed import Probed
@@ -272,7 +272,7 @@ def why_stopped(diagram: Diagram, context: Context, error: BaseException) -> str
         what = f"contact solver of {', '.join(plants)} gave up"
     text = text.split(_ADVICE)[0][:200]
     reason = text if isinstance(error, RuntimeError) and text else f"{type(error).__name__} {text}".strip()
-    return f"{what} at t = {context.get_time():.4f} s: {reason}"
+    return f"{what} at t = {context.get_time():.4f} s: {reason}{place_in_code(error)}"
 
 
 def _is_sound(block: System, context: Context) -> bool:

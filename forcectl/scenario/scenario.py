@@ -21,7 +21,7 @@ from forcectl.analysis.slot import check_figures, check_metrics, read_only, run_
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.model import ModelConfig, Setting
 from forcectl.diagrams.station import StationConfig
-from forcectl.errors import BadInputError, RunFailedError, invalid, one_line
+from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, place_in_code
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, slot
@@ -358,7 +358,7 @@ def build(
         origin = where(key) or f"scenario {scenario.title!r}"
         from forcectl.doctor.loops import loop_behind  # takes a while
 
-        fault = loop_behind(error) or BadInputError(f"cannot be built: {kind}{reason}")
+        fault = loop_behind(error) or BadInputError(f"cannot be built: {kind}{reason}{place_in_code(error)}")
         raise fault.at(key, origin) from error
 
 

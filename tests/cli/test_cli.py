@@ -328,3 +328,13 @@ def test_check_finds_no_error_in_the_shipped_loop(forcectl, fidelity):
     code, out, err = forcectl("check", "fig_2_7", "--fidelity", fidelity)
     assert (code, err) == (0, "")
     assert "0 error" in out
+
+
+def test_robot_tells_the_folder_of_a_tool(forcectl, tmp_path):
+    (tmp_path / "claw").mkdir()
+    (tmp_path / "claw/claw.urdf").write_text('<robot name="claw"><link name="palm"/></robot>')
+    (tmp_path / "claw/claw.tool.yaml").write_text("model: claw.urdf\n")
+    code, out, _ = forcectl("robot", "claw")
+    told = " ".join(out.split())
+    assert (code, "model: claw.urdf" in told) == (1, False)
+    assert "is the folder of a tool, by claw.tool.yaml: name it as `station.tool` of a scenario" in told

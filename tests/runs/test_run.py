@@ -226,7 +226,7 @@ def test_bad_input_in_any_variant_leaves_nothing_behind(tmp_path):
     [
         ("nan", r"displacement_command is not a number at t = 0\.30\d\d s"),
         ("runaway", r"contact_force diverges \(.* N\) at t = 0\.\d{4} s"),
-        ("raises", r"simulation stopped at t = 0\.30\d\d s: KeyError .*the law's own mistake"),
+        ("raises", r"simulation stopped at t = 0\.30\d\d s: KeyError .*the law's own mistake. \(\w+\.py:\d+\);"),
     ],
 )
 def test_a_run_that_goes_wrong_stops_with_signal_and_time_and_keeps_the_log(laws, tmp_path, kind, message, request):

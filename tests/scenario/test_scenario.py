@@ -311,7 +311,8 @@ def test_a_controller_that_cannot_be_added_is_one_line(own_module, tmp_path, nam
 def test_an_estimator_that_cannot_be_added_is_told_as_the_estimator(own_module, tmp_path):
     path = tmp_path / "motion.yaml"
     path.write_text("estimators: {mine: !Import {path: 'own_laws:Raises'}}\n")
-    with pytest.raises(BadInputError, match=r"motion.yaml:1: estimators\.mine: cannot be built: AttributeError"):
+    match = r"motion.yaml:1: estimators\.mine: cannot be built: AttributeError.*\(own_laws.py:\d+\)$"
+    with pytest.raises(BadInputError, match=match):
         fc.run(path)
 
 

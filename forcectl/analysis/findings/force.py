@@ -75,6 +75,8 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         return
     if not (log.true > 0).any():
         text = f"no contact: up to {log.desired.max():.4g} N are wanted, and the tool never touches the surface"
+        if log.command is not None and log.command.min() >= 0 < log.command.max():
+            text += f"; the command goes {1e3 * log.command.max():.4g} mm away from it: into it is negative"
         yield finding("no_contact", text, first_time(log.time, wanted))
         return
     if wanted[-1] and not log.regulated[-1]:

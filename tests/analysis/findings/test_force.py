@@ -231,6 +231,14 @@ def test_the_largest_force_beside_what_the_sensor_shows_of_it() -> None:
         assert one.text.endswith(f"the sensor shows {shown}")
 
 
+def test_a_command_that_goes_the_wrong_way_is_told_beside_the_missing_contact() -> None:
+    away, none = 1e-3 * TIME / TIME[-1], np.zeros_like(TIME)
+    (one,) = (each for each in judged(none, command=away) if each.kind == "no_contact")
+    assert one.text.endswith("never touches the surface; the command goes 1 mm away from it: into it is negative")
+    (one,) = (each for each in judged(none, command=-away) if each.kind == "no_contact")
+    assert one.text.endswith("never touches the surface")
+
+
 def test_a_command_is_saturated_only_where_more_of_it_would_help() -> None:
     short = 10.0 - 2.0 * np.clip(TIME - 3.0, 0.0, 0.2) / 0.2
     ramp = -1e-3 * np.clip(TIME, 0.0, 3.0)

@@ -240,13 +240,7 @@ def _binary(folder):
     (folder / "arm.urdf").write_bytes(bytes(range(256)))
 
 
-def _tool(folder):
-    _still(folder)
-    (folder / "claw.tool.yaml").write_text("model: arm.urdf\n")
-
-
 MISTAKES = [
-    (_tool, "is the folder of a tool, by claw.tool.yaml: name it as `station.tool` of a scenario"),
     (_empty, "holds no model: must hold a .urdf, .sdf or MuJoCo .xml file"),
     (_two, "holds 2 models: copy.urdf, planar.urdf: name one"),
     (_macro, "expand them first, `xacro arm.urdf.xacro > robot.urdf`"),
