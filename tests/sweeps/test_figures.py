@@ -12,7 +12,7 @@ from forcectl.sweeps.agenda import wilson
 from forcectl.sweeps.report.envelope import MOST_COMPONENTS, envelope_figure, read_envelope
 from forcectl.sweeps.report.figures import draw, metric_figure, rendered, sensitivity_figure, write_figures
 from forcectl.sweeps.report.numbers import Rate, Sensitivity, key_columns, outcome
-from forcectl.sweeps.report.panels import MOST_PANELS, cut
+from forcectl.sweeps.report.panels import MOST_PANELS, cut, panels
 from forcectl.sweeps.report.success import by_key_figure, map_figure, rates_figure
 from tests.sweeps.made_sweeps import (
     ARMS,
@@ -286,3 +286,12 @@ def test_names_that_are_too_long_keep_their_end():
     assert cut("station.sensors.force.noise_std [N]", 28) == "…sensors.force.noise_std [N]"
     assert cut("station.sensors.force.noise_std [N]", 16) == "…noise_std [N]"
     assert cut("a controller with a name", 13) == "a controller…"
+
+
+def test_ticks_between_decades_are_labelled_as_small_as_those_of_decades():
+    figure, (axes,) = panels(1)
+    axes.set(yscale="log", ylim=(1.5e3, 6e4))
+    FigureCanvasAgg(figure).draw()
+    shown = [text for text in axes.get_yticklabels(which="both") if text.get_text()]
+    assert len(shown) > 3
+    assert {text.get_fontsize() for text in shown} == {8.0}

@@ -109,7 +109,7 @@ def panels(
             axes.xaxis.set_tick_params(labelbottom=True)
     for axes in grid[:count]:
         frame(axes)
-        axes.tick_params(labelsize=8)
+        axes.tick_params(which="both", labelsize=8)
     return figure, list(grid[:count])
 
 
