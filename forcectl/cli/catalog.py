@@ -17,9 +17,9 @@ def list_(
     what: Annotated[
         str | None,
         typer.Argument(
-            metavar="[KIND|!TAG|DIR]",
-            help="experiments, presets, robots, tools, blocks, or a slot such as controllers; the tag of one part; or "
-            "a folder of results such as runs.",
+            metavar="[KIND|!TAG|scenario|DIR]",
+            help="experiments, presets, robots, tools, blocks, or a slot such as controllers; the tag of one part; "
+            "scenario; or a folder of results such as runs.",
             autocompletion=kinds,
         ),
     ] = None,
@@ -28,32 +28,43 @@ def list_(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show experiments, presets and what fills each slot; all of one kind; the keys of one part; or the runs in DIR.
+    """Show experiments, presets and what fills each slot; all of one kind; the keys of one part, or of a scenario; or
+    the runs in DIR.
 
     Example: forcectl list '!Integral'
     """
     from forcectl.framework.imports import announcing
-    from forcectl.runs.terminal.listing import KINDS, catalog_tables, entries, kind_of, kind_table, tag_keys, tag_tables
+    from forcectl.runs.terminal.listing import (
+        KINDS,
+        SCENARIO,
+        catalog_tables,
+        entries,
+        key_rows,
+        key_tables,
+        kind_of,
+        kind_table,
+    )
     from forcectl.scenario.catalog import groups, passed_over
 
-    if what is not None and what not in KINDS and os.path.isdir(what):
+    if what is not None and what not in (*KINDS, SCENARIO) and os.path.isdir(what):
         _list_folder(Path(what), clean, as_json)
         return
     if clean:
         raise BadInputError(f"--clean: goes with a folder of results, not with {what!r}")
-    tag = what if what is not None and what.startswith("!") else None
-    kind = kind_of(what) if what is not None and tag is None else None
+    keyed = what if what is not None and (what.startswith("!") or what == SCENARIO) else None
+    kind = kind_of(what) if what is not None and keyed is None else None
     if as_json:
         named = {each: {row[0]: " ".join(row[1:2]) for row in entries(each)} for each in ([kind] if kind else KINDS)}
-        echo_json(tag_keys(tag) if tag else named)
+        echo_json(key_rows(keyed) if keyed else named)
         return
     console = terminal()
-    for table in tag_tables(tag) if tag else [kind_table(kind)] if kind else catalog_tables():
+    for table in key_tables(keyed) if keyed else [kind_table(kind)] if kind else catalog_tables():
         console.print(table)
         console.print()
     if what is None:
         console.print(f"All of one kind: forcectl list KIND, which is {', '.join(KINDS)}.", highlight=False)
         console.print("The keys of one part: forcectl list '!Integral'.", highlight=False)
+        console.print("The keys of a scenario itself: forcectl list scenario.", highlight=False)
         names = ", ".join(dict.fromkeys((*_set_by_the_user(), *announcing()))) or "none"
         console.print(f"Code that scenarios may name, beside modules in their own folder: {names}.", highlight=False)
         console.print(f"A package fills slots by entry points of the groups {', '.join(groups())}.", highlight=False)

@@ -25,11 +25,11 @@ def experiments(incomplete: str) -> Choices:
 
 def kinds(incomplete: str) -> list[str]:
     """Kinds of `forcectl list`, and tags."""
-    from forcectl.runs.terminal.listing import KINDS
+    from forcectl.runs.terminal.listing import KINDS, SCENARIO
     from forcectl.scenario import catalog
 
     tags = dict.fromkeys(f"!{tag}" for slot in catalog.SLOTS for tag in catalog.tags_of(slot))
-    return [name for name in (*KINDS, *tags) if name.startswith(incomplete)]
+    return [name for name in (*KINDS, SCENARIO, *tags) if name.startswith(incomplete)]
 
 
 def fidelities(incomplete: str) -> list[str]:

@@ -106,6 +106,26 @@ def test_list_of_a_tag_shows_its_keys_with_unit_bounds_default_and_meaning(force
     assert "forgetting 0.995 a number, from 0.1 to 1" in words
 
 
+def test_list_of_scenario_shows_the_keys_that_have_no_tag(forcectl, monkeypatch, tmp_path):
+    monkeypatch.setenv("COLUMNS", "160")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scenario").mkdir()  # a folder of that name stands back
+    code, out, err = forcectl("list", "scenario")
+    assert (code, err) == (0, "")
+    for title in (
+        "Keys of a scenario",
+        "scenario: station",
+        "scenario: guard",
+        "scenario: model",
+        "scenario: findings",
+    ):
+        assert f"\n{title} " in f"\n{out}", title
+    assert "normal where a surface has none, in W" in out
+    rows = json.loads(forcectl("list", "scenario", "--json")[1])["scenario"]
+    assert {row["key"]: row["unit"] for row in rows}["station.posture_deg"] == "deg"
+    assert "scenario, or a tag such as !Integral" in forcectl("list", "station")[2]
+
+
 def test_every_example_of_list_runs(forcectl):
     _, help_text, _ = forcectl("list", "--help")
     example = help_text.split("Example: forcectl ")[1].split("\n")[0]

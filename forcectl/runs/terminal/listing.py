@@ -1,6 +1,6 @@
 """What there is to choose from, as tables in the terminal; like `catalog`, without importing Drake.
 
-Only the keys behind a tag need the classes, and with them Drake.
+Only the keys behind a tag and those of a scenario need the classes, and with them Drake.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from forcectl.scenario import catalog
 
 if TYPE_CHECKING:
     from forcectl.runs.claims.found import FoundResults
+    from forcectl.scenario.keys import KeyWords
 
 # Where the plural of a slot is not made with an s.
 _PLURALS = {
@@ -25,6 +26,7 @@ _PLURALS = {
     "null_space": "null_spaces",
 }
 PLURALS = {slot: _PLURALS.get(slot, f"{slot}s") for slot in catalog.SLOTS}
+SCENARIO = "scenario"  # whose keys are listed as those of a tag
 KINDS = ("experiments", "presets", "robots", "tools", *PLURALS.values(), "blocks")
 
 
@@ -68,7 +70,7 @@ def kind_of(text: str) -> str:
     word = text.lower()
     singular = {kind.removesuffix("s"): kind for kind in KINDS} | PLURALS
     if (kind := singular.get(word, word)) not in KINDS:
-        raise unknown("kind", text, [*KINDS, "or a tag such as !Integral"])
+        raise unknown("kind", text, [*KINDS, SCENARIO, "or a tag such as !Integral"])
     return kind
 
 
@@ -89,36 +91,41 @@ def found_table(found: Iterable[FoundResults]) -> Table:
     return table
 
 
-def tag_tables(tag: str) -> list[Table]:
-    """The keys of what a tag stands for: for each slot that has it one table, and one for each part within.
+def key_tables(name: str) -> list[Table]:
+    """The keys of what a tag stands for, for each slot that has it, or of a scenario; one table for each part within.
 
     Args:
-        tag: as in `!Integral`.
+        name: a tag as in `!Integral`, or `SCENARIO`.
 
     Raises:
         BadInputError: no slot has the tag.
     """
-    from forcectl.scenario.keys import classes_of, keys_of
-
     tables: list[Table] = []
-    for slot, cls in classes_of(tag).items():
+    for slot, keys in _keys(name).items():
         parts: dict[str, Table] = {}
-        for words in keys_of(cls):
-            part, _, name = words.key.rpartition(".")
-            title = f"!{tag.removeprefix('!')}: {part}" if part else f"!{tag.removeprefix('!')}, fills the slot {slot}"
+        whole = f"{name}, fills the slot {slot}" if slot != SCENARIO else "Keys of a scenario"
+        for words in keys:
+            part, _, key = words.key.rpartition(".")
+            title = f"{name}: {part}" if part else whole
             table = parts.setdefault(part, new_table(title, "key", "default", "value", "meaning"))
             kind = f"{words.kind} [{words.unit}]" if words.unit else words.kind
             value = f"{kind}, {words.allowed}" if words.allowed else kind
-            table.add_row(*map(escape, (name, words.default, value, words.meaning)))
+            table.add_row(*map(escape, (key, words.default, value, words.meaning)))
         tables += parts.values()
     return tables
 
 
-def tag_keys(tag: str) -> dict[str, list[dict[str, str]]]:
-    """The keys of what a tag stands for, by slot, see `KeyWords`."""
-    from forcectl.scenario.keys import classes_of, keys_of
+def key_rows(name: str) -> dict[str, list[dict[str, str]]]:
+    """The keys of what a tag stands for, by slot, or of a scenario, see `KeyWords`."""
+    return {slot: [words._asdict() for words in keys] for slot, keys in _keys(name).items()}
 
-    return {slot: [words._asdict() for words in keys_of(cls)] for slot, cls in classes_of(tag).items()}
+
+def _keys(name: str) -> dict[str, list[KeyWords]]:
+    from forcectl.scenario.keys import classes_of, keys_of
+    from forcectl.scenario.scenario import Scenario
+
+    classes = {SCENARIO: Scenario} if name == SCENARIO else classes_of(name)
+    return {slot: keys_of(cls) for slot, cls in classes.items()}
 
 
 def new_table(title: str, *columns: str) -> Table:

@@ -113,6 +113,7 @@ STORIES = {
         Step("forcectl --version", ("forcectl 0.",)),
         Step("forcectl list", ("Experiments", "fig_2_7", "Slots of a scenario", "!Integral")),
         Step("forcectl list controllers", ("!Integral", "!Vrft", "!Admittance")),
+        Step("forcectl list scenario", ("Keys of a scenario", "scenario: station", "posture_deg", "settled_share")),
         Step("forcectl list '!Integral'", ("fills the slot controller", "integral_gain", "1/s")),
         Step("forcectl list '!Part'", ("fills the slot", "misplaced")),
         Step("forcectl explain overshoot_pct", ("overshoot_pct", "%", "force")),
