@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.conventions import Components
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, one_line
 from forcectl.qp.solvers import Solver
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import JointLimits, RobotModel
@@ -122,7 +122,8 @@ class ModeBuilder:
         if not isinstance(criterion, AnyCriterion):
             raise BadInputError(f"criterion {type(criterion).__name__} lacks cost(motion, period)")
         start = criterion.memory if isinstance(criterion, RememberingCriterion) else np.zeros(0)
-        stepped(criterion)(self.origin, Ts, start)  # a criterion that does not fit the robot fails here
+        cost, _ = stepped(criterion)(self.origin, Ts, start)  # a criterion that does not fit the robot fails here
+        _check_cost(cost, len(self.origin.q), type(criterion).__name__)
         joints = [joint.name() for joint in self.robot.parts.joints]
         program = TaskProgram(levels, criterion, constraints, self.limits.torque, Ts, self.solver, joints)
         active = np.repeat(followed, [task.size for task in self.tasks])
@@ -138,3 +139,18 @@ def cost_components(sizes: Sequence[int]) -> dict[str, Components]:
 def longer(values: Vector, size: int) -> Vector:
     """The values (k,) with zeros behind them, (size,)."""
     return values if len(values) == size else np.concatenate([values, np.zeros(size - len(values))])
+
+
+def _check_cost(cost: object, n: int, name: str) -> None:
+    """What a criterion returned for n joints is a QuadraticCost that has a minimum."""
+    wanted = f"criterion {name}: cost must be QuadraticCost(hessian, gradient) of shapes ({n}, {n}) and ({n},)"
+    try:
+        hessian, gradient = (np.asarray(part, dtype=float) for part in cost)  # type: ignore[attr-defined]
+    except (TypeError, ValueError) as error:
+        raise BadInputError(f"{wanted}, but: {one_line(error)}") from error
+    if hessian.shape != (n, n) or gradient.shape != (n,):
+        raise BadInputError(f"{wanted}, not {hessian.shape} and {gradient.shape}")
+    if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
+        raise BadInputError(f"{wanted} of finite numbers, which they are not in the start posture")
+    if not np.linalg.eigvalsh(0.5 * (hessian + hessian.T)).min() > 0:
+        raise BadInputError(f"{wanted}, and the hessian positive definite, which it is not in the start posture")

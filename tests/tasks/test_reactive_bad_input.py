@@ -292,3 +292,22 @@ def test_parts_refuse_what_they_cannot_use() -> None:
         TowardsSmallMass(two_arms(), "middle", [0, 0, 1])
     with pytest.raises(BadInputError, match="weights: 3 given"):
         task_levels(arm_tasks(), [Weights()] * 3, 0.28, PERIOD)
+
+
+@pytest.mark.parametrize(
+    ("cost", "message"),
+    [
+        ((np.eye(3), np.zeros(3)), "of shapes (14, 14) and (14,), not (3, 3) and (3,)"),
+        (np.eye(14), "of shapes (14, 14) and (14,), but: ValueError"),
+        (None, "of shapes (14, 14) and (14,), but: TypeError"),
+        ((np.eye(14), np.full(14, np.nan)), "of finite numbers"),
+        ((-np.eye(14), np.zeros(14)), "the hessian positive definite"),
+    ],
+)
+def test_what_a_criterion_returns_is_looked_at_when_the_controller_is_built(cost, message):
+    criterion = type("Mine", (), {"cost": lambda self, motion, period: cost})()
+    with pytest.raises(BadInputError) as caught:
+        reactive_controller(criterion=criterion)
+    assert "criterion Mine: cost must be QuadraticCost(hessian, gradient)" in str(caught.value)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)

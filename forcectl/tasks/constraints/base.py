@@ -380,6 +380,8 @@ def _try(constraint: Any, start: RobotMotion, gamma: float, must_hold: bool) -> 
         raise
     except Exception as error:  # whatever a user's constraint does
         raise BadInputError(f"evaluate must return {wanted}, but: {one_line(error)}", key=whole) from error
+    if constraint.relative_degree == 2 and np.size(y) != rows:
+        raise BadInputError(f"evaluate returned {np.size(y)} y beside {rows} rows: must return {wanted}", key=whole)
     if row.shape not in ((n,), (rows, n)) or rows < 1:
         raise BadInputError(f"evaluate returned a row of shape {row.shape}: must return {wanted}", key=whole)
     if not (np.isfinite(row).all() and all(np.isfinite(part).all() for part in together)):

@@ -259,6 +259,7 @@ def test_a_users_constraint_is_kept() -> None:
     [
         (lambda motion: (0.0, 0.0, np.zeros(5), 0.0), r"evaluate returned a row of shape \(5,\): must return"),
         (lambda motion: (0.0, 0.0, motion.jacobian[0]), r"evaluate must return .* but: ValueError"),
+        (lambda motion: (-1.0, 0.0, motion.jacobian[3:], 0.0), "evaluate returned 1 y beside 3 rows: must return"),
         (lambda motion: 1 / 0, "but: ZeroDivisionError"),
         (lambda motion: (math.nan, 0.0, motion.jacobian[0], 0.0), "is not finite in the start posture"),
         (lambda motion: (0.2, 0.0, motion.jacobian[0], 0.0), "is violated in the start posture, by 0.2"),
