@@ -149,8 +149,10 @@ def _fallbacks(log: Any) -> Iterator[RunFinding]:
         fallen |= here
         if here.any():
             worst = Status(int(status.max()))
-            why = _poor_readings(log, here) if worst is Status.NOT_FINITE and name == "status" else ""
-            why = why or f"its program has no solution ({worst.name.lower().replace('_', ' ')})"
+            why = f"its program has no solution ({worst.name.lower().replace('_', ' ')})"
+            if worst is Status.NOT_FINITE:
+                poor = _poor_readings(log, here) if name == "status" else ""
+                why = poor or "a reference, a reading or a constraint is not a number, or a constraint raises"
             yield finding(
                 "solver_fallback", f"the controller falls back in {_ticks(here)}: {why}", first_time(time, here)
             )
