@@ -306,7 +306,7 @@ def _check_sides(scenario: Scenario, workcell: Workcell) -> None:
             own = "facing" if hasattr(environment, "facing") else "normal"
             given = getattr(environment, own, None)
             key = join(_where(scenario, environment), own) if given else "station.normal"
-            allowed = f"against the z axis of the tool, {np.round(axis, 3).tolist()}: outward, to where the tool is"
+            allowed = f"against the z axis of the tool in the start posture, {(np.round(axis, 3) + 0.0).tolist()}"
             raise invalid(key, given or scenario.station.normal, allowed)
 
 
