@@ -1,4 +1,4 @@
-"""Which values of signals guards of a `!TaskMachine` may wait for: what no run shows is a wrong unit or a slip."""
+"""Values of signals that guards of a `!TaskMachine` may wait for: none or every one would be a wrong unit or a slip."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from forcectl.tasks.machine.modes import SWITCHES, ExitConfig
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 
 _MORE = 2.0  # times the largest wrench that the motors hold in the start posture: other postures hold more
+_STRAIGHT = ("x", "y", "z")  # coordinates along which a task presses with a force
 _FASTER = 3.0  # times the speed that the references may have: constraints move arms, too
 
 Ranges = dict[str, tuple[float, float]]
@@ -37,6 +38,49 @@ def check_no_single_value(place: str, exits: Sequence[ExitConfig]) -> None:
             counted = {name.partition(".")[0] for name in Expression(side).names} <= {*SWITCHES, "visits"}
             if low == high != 0.0 and not counted:
                 raise invalid(f"{place}.{i}.when", exit_.when, f"with < or >: {side} is hardly ever exactly {low:g}")
+
+
+def check_pressed(always: Sequence[ExitConfig], modes: Mapping[str, Any]) -> None:
+    """Refuse guards of every mode that hold as soon as a mode presses with the force that it says.
+
+    Args:
+        always: with the guards.
+        modes: `TaskModeConfig` by name.
+
+    Raises:
+        BadInputError: about the guard.
+    """
+    for i, exit_ in enumerate(always):
+        condition = Expression(exit_.when)
+        for name, mode in modes.items():
+            pressed = {
+                (task, each): abs(one.force)
+                for task, said in mode.references.items()
+                for each, one in said.items()
+                if each in _STRAIGHT and one.force and exit_.to != name and not mode.end
+            }
+            for (task, each), force in pressed.items():
+                part = f"{task}_force.force_{each}"
+                if all(condition.always_holds({part: (side, side)}) for side in (-force, force)):
+                    pressing = f"modes.{name}.references.{task}.{each}.force presses with {force:g} N"
+                    raise invalid(f"always.{i}.when", exit_.when, f"false at what modes press with: {pressing}")
+
+
+def check_held(key: str, force: float, coordinate: str, task: str, ranges: Ranges, because: str) -> None:
+    """Refuse a desired force or torque far beyond what the motors hold.
+
+    Args:
+        key: of the force.
+        force: along or about the coordinate [N or Nm].
+        coordinate, task: names.
+        ranges, because: see `wrench_ranges`.
+
+    Raises:
+        BadInputError: about the force.
+    """
+    most = ranges[f"{task}_force.{'force' if coordinate in _STRAIGHT else 'torque'}_x"][1]
+    if abs(force) > most:
+        raise invalid(key, force, f"at most {most:.4g} in size, as {because}")
 
 
 def wrench_ranges(model: PlantModel, tasks: Mapping[str, ArmTask]) -> tuple[Ranges, str]:

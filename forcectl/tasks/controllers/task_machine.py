@@ -35,7 +35,13 @@ from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConf
 from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
 from forcectl.tasks.controllers.components import task_components
-from forcectl.tasks.controllers.guard_ranges import check_no_single_value, speed_ranges, wrench_ranges
+from forcectl.tasks.controllers.guard_ranges import (
+    check_held,
+    check_no_single_value,
+    check_pressed,
+    speed_ranges,
+    wrench_ranges,
+)
 from forcectl.tasks.controllers.reaching import task_space
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.machine.chart import MachineChart
@@ -88,6 +94,7 @@ class TaskMachineConfig(TaskControllerConfig):
             raise BadInputError("must have at least one", key="modes")
         check_modes(self.modes, self._start, self.on_bad_signal, self.always)
         check_no_single_value("always", self.always)
+        check_pressed(self.always, self.modes)
         for name, mode in self.modes.items():
             check_no_single_value(f"modes.{name}.exits", mode.exits)
         for name, part in self.tasks.items():
@@ -182,9 +189,16 @@ class TaskMachineConfig(TaskControllerConfig):
         return [each.to for each in (*self.always, *mode.exits)] + [mode.on_timeout, self.on_bad_signal]
 
     def _check_forces(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
-        """No guard waits for a wrench far beyond what the motors hold, nor for a speed beyond what references have."""
+        """No guard waits for, and no mode presses with, a wrench far beyond what the motors hold; no guard for a speed
+        beyond what references have."""
         self._check_guards(speed_ranges([*self.modes.values()], tasks, self.motion_limits), _SLOWER)
-        self._check_guards(*wrench_ranges(model, tasks))
+        ranges, because = wrench_ranges(model, tasks)
+        self._check_guards(ranges, because)
+        for name, mode in self.modes.items():
+            for task, said in mode.references.items():
+                for coordinate, one in said.items():
+                    key = f"modes.{name}.references.{task}.{coordinate}.force"
+                    check_held(key, one.force, coordinate, task, ranges, because)
 
     def _check_places(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
         """No coordinate is sent, or waited for, far beyond the arms, nor turned further than an orientation can be."""

@@ -121,7 +121,7 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
 def check_able(
     place: str, exits: Sequence[ExitConfig], ranges: Mapping[str, tuple[float, float]], because: str
 ) -> None:
-    """Refuse guards with a comparison that no values within ranges fulfil.
+    """Refuse guards with a comparison that comes out the same for all values within ranges.
 
     Args:
         place: key of the exits.
@@ -135,10 +135,11 @@ def check_able(
     for i, exit_ in enumerate(exits):
         condition = Expression(exit_.when, f"{place}.{i}.when", GUARD_EXAMPLE)
         for part, holds in condition.settled(ranges):
-            if not holds:
-                shown = "" if part == condition.text.strip() else f": {part!r}"
-                fault = f" = {condition.text!r}{shown} is always false, as {because}: must be able to hold"
-                raise BadInputError(fault, key=f"{place}.{i}.when")
+            shown = "" if part == condition.text.strip() else f": {part!r}"
+            way = ("false", "be able to hold"), ("true", "be able to be false")
+            always, allowed = way[holds]
+            fault = f" = {condition.text!r}{shown} is always {always}, as {because}: must {allowed}"
+            raise BadInputError(fault, key=f"{place}.{i}.when")
 
 
 def machine_chart(

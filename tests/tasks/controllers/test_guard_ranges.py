@@ -18,6 +18,8 @@ GUARD = "touch_force.force_z > 1 and touch.speed_z < 0"
         ("abs(torque_elsewhere.left) > 600", "as the motors hold far less than "),
         ("touch.speed_z < -300", "as references within motion_limits are far slower"),
         ("touch_force.force_z > 1 and abs(hold.speed_phi) > 45", "as references within motion_limits are far slower"),
+        ("abs(touch.speed_z) < 50", "is always true, as references within motion_limits are far slower"),
+        ("touch.z > -20 and reached > 0.5", "'touch.z > -20' is always true, as no arm gets farther"),
         ("touch_force.force_z == 2", "must be with < or >: touch_force.force_z is hardly ever exactly 2"),
         ("time == 0.25 and reached == 1", "must be with < or >: time is hardly ever exactly 0.25"),
     ],
@@ -47,3 +49,31 @@ def test_a_guard_of_another_unit_is_refused(guard: str, told: str) -> None:
 def test_what_may_be_is_not_refused(guard: str) -> None:
     """x gives way without a limit of its speed."""
     task_machine(LOWER.replace(GUARD, guard))
+
+
+def _pressing(force: float, always: str = "abs(touch_force.force_y) > 80") -> str:
+    """LOWER with a mode that presses with a force [N], and a guard of every mode."""
+    text = LOWER.replace("z: {by: -0.002}", f"z: {{comply: true, force: {force}}}")
+    return text.replace("  modes:\n", f"  always: [{{when: {always}, to: lost}}]\n  modes:\n")
+
+
+@pytest.mark.parametrize("always", ["abs(touch_force.force_z) > 18", "not abs(touch_force.force_z) <= 18"])
+@pytest.mark.parametrize("force", [20.0, -20.0])
+def test_a_guard_that_a_mode_presses_into_is_refused(always: str, force: float) -> None:
+    with pytest.raises(BadInputError) as error:
+        task_machine(_pressing(force, always))
+    told = "must be false at what modes press with: modes.press.references.touch.z.force presses with 20 N"
+    assert f"always.0.when = {always!r}: {told}" in str(error.value)
+    task_machine(_pressing(0.8 * force, always))
+
+
+def test_a_guard_of_the_side_that_a_mode_presses_to_is_not_judged() -> None:
+    task_machine(_pressing(20.0, "touch_force.force_z > 18 and elapsed > 3"))
+
+
+def test_a_force_that_no_motor_holds_is_refused() -> None:
+    with pytest.raises(
+        BadInputError, match=r"press\.references\.touch\.z\.force = 990\.0: must be at most .* hold far"
+    ):
+        task_machine(_pressing(990.0))
+    task_machine(_pressing(50.0))
