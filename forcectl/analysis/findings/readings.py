@@ -19,7 +19,7 @@ _COUNTED = 200  # ticks in which repeated readings are counted
 _REPEATED = 0.1  # of them
 _LATE = 25  # ticks by which a reading may be late
 _ROUNDING = 1e-9  # of the largest reading, by which one that rests may change
-_AT_REST = 50  # ticks in which a force changes by less than
+_AT_REST, _WINDOW = 50, 0.1  # ticks, and time [s], at least, in which a force changes by less than
 _RESTS = 0.05  # of itself
 _LEAST = 0.1  # of the largest true force, above which readings are compared with it
 _OFF = 0.2  # of the true force
@@ -68,8 +68,9 @@ def _repeated(time: Signal, measured: Signal) -> Iterator[RunFinding]:
 def _off(time: Signal, measured: Signal, true: Signal, limit: float) -> Iterator[RunFinding]:
     if len(time) < _LASTING * _AT_REST or not 0.0 < true.max() < np.inf:
         return
-    count = len(time) // _AT_REST
-    shown, real = (signal[: count * _AT_REST].reshape(count, _AT_REST) for signal in (measured, true))
+    ticks = max(_AT_REST, round(_WINDOW * (len(time) - 1) / float(time[-1] - time[0])))
+    count = len(time) // ticks
+    shown, real = (signal[: count * ticks].reshape(count, ticks) for signal in (measured, true))
     mean, seen = real.mean(axis=1), _finite(shown).mean(axis=1)
     rests = (np.ptp(real, axis=1) <= _RESTS * mean) & (mean >= _LEAST * true.max()) & (real.max(axis=1) < limit)
     wrong = rests & (np.abs(seen - mean) > _OFF * mean)
@@ -79,4 +80,4 @@ def _off(time: Signal, measured: Signal, true: Signal, limit: float) -> Iterator
         first, last = int(lasting[0]), int(lasting[-1]) + _LASTING - 1
         says = f"{seen[last]:.4g} N" if np.isfinite(shown[last]).all() else "no number"
         text = f"the force sensor is off: it shows {says} where the true force is {mean[last]:.4g} N"
-        yield finding("sensor_off", text, float(time[first * _AT_REST]))
+        yield finding("sensor_off", text, float(time[first * ticks]))

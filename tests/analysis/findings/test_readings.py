@@ -53,6 +53,17 @@ def test_a_filter_that_still_lags_behind_a_fast_loop_is_no_fault():
     assert kinds(15.0 - 10.0 * (1 + 8.0 * late) * np.exp(-8.0 * late) + NOISE, true) == []
 
 
+@pytest.mark.parametrize("period", [0.0005, 0.002, 0.004])
+def test_a_filter_that_lags_behind_a_rise_is_no_fault_at_any_period(period: float) -> None:
+    time = np.arange(0.0, 6.0, period)
+    true, w = 15.0 * (1.0 - np.exp(-1.5 * time)), 12.6
+    share = (w / (w - 1.5)) ** 2  # of the rise behind the critically damped filter of a sensor
+    decay = (share - 1.0 + (w * (share - 1.0) - 1.5 * share) * time) * np.exp(-w * time)
+    lag = 15.0 * (1.0 - share * np.exp(-1.5 * time) + decay)
+    assert [each.kind for each in reading_findings(time, lag, true, 200.0)] == []
+    assert [each.kind for each in reading_findings(time, 0.7 * true, true, 200.0)] == ["sensor_off"]
+
+
 def test_a_force_beyond_the_range_is_not_compared():
     assert [each.kind for each in reading_findings(TIME, np.minimum(TRUE, 10.0), TRUE, 10.0)] == []
 
