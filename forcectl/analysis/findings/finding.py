@@ -90,6 +90,9 @@ KINDS: dict[str, Kind] = {
     "swings_beside_reference": Kind(
         Severity.WARNING, "the true force swings more often, or much further, than its varying reference"
     ),
+    "reference_not_followed": Kind(
+        Severity.WARNING, "the true force changes by less than a tenth of what its varying reference does"
+    ),
     "force_disturbed": Kind(
         Severity.WARNING,
         "the true force had settled, and was taken off its constant reference by more than a fifth; or, in motion "

@@ -21,6 +21,7 @@ _LONG = 1.0  # [s] of a hold in the course of a run, whose end is looked at
 _END = 0.1  # of a hold, over which the force is to be settled
 _WIDE = 0.1  # of the reference, from peak to peak, of a swing that counts in motion and beside a varying reference
 _FURTHER = 1.5  # times the reference, that the force may swing
+_FOLLOWED = 0.1  # of what a varying reference does, that the force does at least
 _SWINGS = 4  # that make a limit cycle: two periods
 _GROWING = 6  # swings that tell growth from chance
 _WILD = 0.5  # of the reference, from which on swings to both sides are an error
@@ -85,20 +86,26 @@ def _far_off(log: Pressing, part: slice) -> Iterator[RunFinding]:
 
 
 def _beside(log: Pressing, part: slice) -> Iterator[RunFinding]:
-    """Whether the force, in the later half of a stretch, does more than its varying reference."""
+    """Whether the force, in the later half of a stretch, does more than its varying reference, or next to nothing."""
     later = slice((part.start + part.stop) // 2, part.stop)
     time, true, wanted = log.time[later], log.true[later], log.desired[later]
     least = _WIDE * float(wanted.mean())
     turns, own = (len(turning_points(each, least)) for each in (true, wanted))
     far, range_ = float(np.ptp(true)), float(np.ptp(wanted))
+    begin, end = float(time[0]), float(time[-1])
+    during = f"from {begin:.3g} s to {end:.3g} s"
+    if range_ >= least and true.all() and far < _FOLLOWED * range_:
+        text = (
+            f"the true force does not follow its varying reference: it changes by {far:.3g} N in all, its reference by"
+        )
+        yield finding("reference_not_followed", f"{text} {range_:.3g} N, {during}", begin)
     if turns - own >= _SWINGS:
         text = f"the true force turns round {turns} times by at least {least:.3g} N, its reference {times(own)}"
     elif far > max(_FURTHER * range_, least):
         text = f"the true force swings by {far:.3g} N from peak to peak, its reference by {range_:.3g} N"
     else:
         return
-    begin, end = float(time[0]), float(time[-1])
-    yield finding("swings_beside_reference", f"{text}, from {begin:.3g} s to {end:.3g} s", begin)
+    yield finding("swings_beside_reference", f"{text}, {during}", begin)
 
 
 def _long(log: Pressing, here: Mask) -> list[slice]:

@@ -74,6 +74,15 @@ def test_swings_beside_a_reference_are_counted_and_measured() -> None:
         assert judged(true, desired=SINE) == []
 
 
+def test_a_reference_that_is_far_too_fast_is_told() -> None:
+    one = kinds(reference=SineConfig(force=20.0, amplitude=5.0, frequency=20.0), duration=4.0, **{GAIN: 2.0})
+    (text,) = (each.text for each in one.values())
+    assert "the true force does not follow its varying reference: it changes by " in text
+    assert text.endswith(" N in all, its reference by 9.98 N, from 2 s to 4 s")
+    (still,) = judged(10.0 + 0.05 * (SINE - 10.0), desired=SINE)
+    assert (still.kind, still.severity) == ("reference_not_followed", Severity.WARNING)
+
+
 def test_a_force_swings_in_motion_over_a_plane_only_where_it_goes_on() -> None:
     flat, law = np.full_like(TIME, 10.0), np.ones(len(TIME), dtype=bool)
     moving = {"closed": ~law, "sliding": law}

@@ -251,6 +251,6 @@ def test_every_kind_is_provoked_here_or_in_the_tests_of_force_loops() -> None:
     here |= {"target_not_reached", "target_stalled", "solver_fallback", "machine_failed", "machine_not_ended"}
     here |= {"guarded", "guard_stopped"}  # in test_guard
     here |= {"torque_beyond_limits", "compliance_off"}  # the second in test_compliance
-    here |= {"swings_beside_reference", "touched_again"}  # in test_holds
+    here |= {"swings_beside_reference", "reference_not_followed", "touched_again"}  # in test_holds
     here |= {"friction_unknown", "key_unread"}  # in tests/analysis/test_analyses.py, tests/scenario/test_effects.py
     assert set(KINDS) == here | set(CASES)
