@@ -186,6 +186,12 @@ class RampConfig(_ForceReference, Config, in_batches=True):
         """When the ramp is over [s]."""
         return self.start_time + abs(self.force - self.initial_force) / self.rate
 
+    def beyond(self, duration: float) -> dict[str, str]:
+        """What a run of this duration [s] does not come to: keys with their values, and why."""
+        if self.end_time <= duration:
+            return {}
+        return {f"force = {self.force:g}": f"the ramp ends at {self.end_time:.4g} s, the run at {duration:g} s"}
+
     def trajectory(self) -> PiecewisePolynomial | ArrayLike:
         """The reference over time [N]."""
         end = self.end_time

@@ -128,6 +128,13 @@ class TangentialMotionConfig(LineConfig, in_batches=True):
         duration = move_duration(self.distance, self.speed, self.acceleration)
         return (self.start_time, self.start_time + duration) if duration else None
 
+    def beyond(self, duration: float) -> dict[str, str]:
+        """What a run of this duration [s] comes to less than half of: keys with their values, and why."""
+        way = self.distance_after(duration)
+        if way >= 0.5 * self.distance:
+            return {}
+        return {f"distance = {self.distance:g}": f"the tool goes {way:.3g} m in the run, of {duration:g} s"}
+
     def distance_after(self, time: float) -> float:
         """How far along the path the tool is then [m].
 

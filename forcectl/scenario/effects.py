@@ -156,6 +156,10 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
     for name, keys in _OF_MODEL.items() if _known(readers) else ():
         if name not in read:
             lines += _unused(scenario.model, "model", keys, f"nothing here reads the {name} of the model")
+    for name in ("reference", "motion", "controller") if scenario.as_written else ():
+        beyond = getattr(getattr(scenario, name), "beyond", None)
+        for key, why in (beyond(scenario.duration) if beyond is not None else {}).items():
+            lines.append(f"{name}.{key} has no effect: {why}")
     if getattr(scenario.motion, "distance", None) == 0:
         lines += _unused(scenario.motion, "motion", ("speed", "acceleration", "slope", "start_time"), "distance is 0")
     return lines

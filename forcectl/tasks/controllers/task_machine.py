@@ -27,6 +27,7 @@ from pydrake.systems.primitives import MatrixGain, Multiplexer, ZeroOrderHold
 from forcectl.conventions import WRENCH_PARTS
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.block import PythonDiagram
+from forcectl.framework.expression import Expression
 from forcectl.framework.fields import key
 from forcectl.framework.wiring import export_all_outputs, input_names
 from forcectl.plant.plant_model import PlantModel
@@ -53,7 +54,7 @@ from forcectl.tasks.machine.modes import (
     check_modes,
     machine_chart,
 )
-from forcectl.tasks.machine.state_machine import OWN_NAMES, StateMachine
+from forcectl.tasks.machine.state_machine import ELAPSED, OWN_NAMES, StateMachine
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.task_parts import start_motion
 
@@ -109,6 +110,12 @@ class TaskMachineConfig(TaskControllerConfig):
     @property
     def _start(self) -> str:
         return next(iter(self.modes))
+
+    def beyond(self, duration: float) -> dict[str, str]:
+        """What a run of this duration [s] does not come to: keys with their values, and why."""
+        first = [Expression(each.when).limits().get(ELAPSED, (0.0, 0.0))[0] for each in self.always]
+        late = {i: each.when for i, each in enumerate(self.always) if first[i] >= duration}
+        return {f"always.{i}.when = {when!r}": f"the run ends at {duration:g} s" for i, when in late.items()}
 
     def machine(self) -> MachineChart:
         """The state machine as it is drawn."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from forcectl.errors import BadInputError
-from tests.examples.task_machines import LOWER, task_machine
+from tests.examples.task_machines import LOWER, config, task_machine
 
 GUARD = "touch_force.force_z > 1 and touch.speed_z < 0"
 
@@ -77,3 +77,10 @@ def test_a_force_that_no_motor_holds_is_refused() -> None:
     ):
         task_machine(_pressing(990.0))
     task_machine(_pressing(50.0))
+
+
+def test_a_guard_that_waits_for_longer_than_the_run_is_told() -> None:
+    machine = config(_pressing(5.0, "elapsed > 12 and touch_force.force_z > 1"))
+    told = {"always.0.when = 'elapsed > 12 and touch_force.force_z > 1'": "the run ends at 12 s"}
+    assert machine.beyond(12.0) == told
+    assert machine.beyond(12.5) == {}
