@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from forcectl.errors import BadInputError, RunFailedError
+from forcectl.framework.expression import Expression
 from forcectl.runs.claims.claim import write_whole
 from forcectl.runs.claims.lock import StorageError, locked, writing
 from forcectl.runs.directory import git_state, write_json
@@ -160,7 +161,11 @@ def sweep(
         if together:
             notes.append(f"{together} of {len(rows)} trials ran side by side in batches")
         for key in without_effect(study, table):
-            notes.append(f"keys.{key} has no effect: all metrics are equal in trials that differ in nothing else")
+            place = f"keys.{key}" if key != "seed" else "seeds" if study.config.repeat is None else "repeat"
+            notes.append(f"{place} has no effect: all metrics are equal in trials that differ in nothing else")
+        for name in Expression(study.config.success).names if study.config.success else ():
+            if name not in table or not table[name].notna().any():
+                notes.append(f"success asks for {name}, of which no trial has a value: none is one")
         worst = study.config.worst
         if worst is not None and (worst.metric not in table or not table[worst.metric].notna().any()):
             notes.append(f"no trial has a value of {worst.metric}, so none is the worst")
@@ -278,6 +283,8 @@ def _notes(study: Study, folder: Path) -> list[str]:
     notes = []
     if study.left_out:
         notes.append(f"{study.left_out} points were left out: they do not meet the constraints")
+    elif study.config.constraints:
+        notes.append("constraints has no effect: every point meets them")
     identity = identity_of(folder)
     if is_copy(folder, identity):
         notes.append(f"{folder} is a copy: what runs in the original is not waited for")

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import forcectl
-from forcectl.analysis.tables.metric_tables import compared_unit, is_metric, metric_range, unknown_metric
+from forcectl.analysis.tables.metric_tables import METRICS, compared_unit, is_metric, metric_range, unknown_metric
 from forcectl.analysis.tables.reference import analyses_of
 from forcectl.analysis.tables.task_tables import MODE_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
@@ -218,6 +218,7 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
         numbers |= dict.fromkeys(study.number((int(point), 0), 0) for point in points)
     own_metrics, longest = False, 0.0
     modes: dict[str, None] = {}  # of all arms, in order
+    surfaces: dict[str, None] = {}  # the same; "" of one alone
     analyses = set[str]()  # tags of those of all trials that are read
     arms: dict[str, Tagged] = {}
     for number in numbers:
@@ -239,6 +240,8 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
                 # Metrics of an analysis of the user's are known once there is a log.
                 rooms = [type(each).__module__ for each in scenario.analyses.values()]
                 own_metrics = own_metrics or not all(room.startswith("forcectl.") for room in rooms)
+                fronts = [contact.name for contact in loop.workcell.contacts]
+                surfaces |= dict.fromkeys(fronts if len(fronts) > 1 else [""])
                 if hasattr(scenario.controller, "machine"):
                     modes |= dict.fromkeys(mode.name for mode in scenario.controller.machine().modes)
                 for name in study.config.envelope:
@@ -249,6 +252,8 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
     for i, text in enumerate(study.config.constraints):
         check_units(Expression(text), lambda name: units.get(name, ""), f"constraints.{i}")
     _check_metrics(study.config, own_metrics, list(modes), analyses, longest)
+    if not own_metrics:
+        _check_surfaces(study.config, list(surfaces))
 
 
 def unknown_metrics(config: SweepConfig) -> dict[str, str]:
@@ -298,6 +303,22 @@ def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str], analyse
         # One that is not like any may be of an arm that is left out here.
         if last in MODE_METRICS and mode not in modes and difflib.get_close_matches(mode, modes):
             raise unknown("mode", mode, modes).at(key)
+
+
+def _check_surfaces(config: SweepConfig, surfaces: Sequence[str]) -> None:
+    """BadInputError for a metric of another surface than those of all arms, unless trials may have others."""
+    varied = [*config.keys, *itertools.chain(*config.cases.values())]
+    if any(overlap(key, "station.environment") for key in varied):
+        return
+    for key, name in _asked(config):
+        *front, last = name.split(".")
+        if front and front[-1].startswith("step_"):
+            front.pop()
+        if last in METRICS and ".".join(front) not in surfaces:
+            own = ", ".join(each for each in surfaces if each)
+            raise BadInputError(
+                f" asks for {name}: must be {f'of one of {own}' if own else f'{last}, of the one surface'}", key=key
+            )
 
 
 def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) -> BadInputError:

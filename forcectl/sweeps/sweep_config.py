@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
@@ -38,6 +40,10 @@ class RepeatConfig(Config):
         super().__post_init__()
         if self.at_most < self.at_least:
             raise invalid("at_most", self.at_most, f"at least at_least = {self.at_least}")
+        square = NormalDist().inv_cdf(0.5 + 0.5 * self.confidence) ** 2  # of the deviations of the interval
+        if self.at_most < (least := square * (0.5 / self.half_width - 1)):
+            enough = f"at least {math.ceil(least)}: no interval of fewer trials has half_width = {self.half_width:g}"
+            raise invalid("at_most", self.at_most, enough)
 
 
 @dataclass(kw_only=True)

@@ -95,7 +95,7 @@ def trials_table(
 
 
 def without_effect(study: Study, table: pd.DataFrame) -> list[str]:
-    """Varied keys of which no trial shows a trace: all metrics are equal where nothing else differs.
+    """Varied keys, and `seed`, of which no trial shows a trace: all metrics are equal where nothing else differs.
 
     Args:
         study: the sweep. Of points that are drawn no two differ in one key only, so nothing is said of several keys.
@@ -103,11 +103,10 @@ def without_effect(study: Study, table: pd.DataFrame) -> list[str]:
     """
     done = table[table["state"] == "done"]
     metrics = list(table.columns)[list(table.columns).index("time_s") :]
-    keys = [axis.key for axis in study.axes]
+    keys = [axis.key for axis in study.axes] + (["seed"] if study.seeds is not None else [])
     found = []
     for key in keys:
         same = ["arm", *(other for other in keys if other != key)]
-        same += ["seed"] if study.seeds is not None else []
         groups = [group for _, group in done.groupby(same, dropna=False) if group[key].nunique() > 1]
         if groups and all((group[metrics].nunique(dropna=False) <= 1).all() for group in groups):
             found.append(key)

@@ -52,6 +52,22 @@ def test_a_key_that_changes_nothing_is_told(whole):
 
 
 @pytest.mark.slow
+def test_seeds_and_constraints_that_change_nothing_are_told():
+    keys = small(keys={STIFFNESS: [1e3, 5e3]}, arms={}, seeds=2, constraints=[f"{STIFFNESS} > 1"])
+    told = "has no effect: all metrics are equal in trials that differ in nothing else"
+    quiet = fc.sweep(keys | {"overrides": keys["overrides"] | {"preset": "ideal"}}, engine="sequential", report=False)
+    assert f"seeds {told}" in quiet.notes
+    assert "constraints has no effect: every point meets them" in quiet.notes
+    noisy = fc.sweep(keys | {"constraints": [f"{STIFFNESS} > 2e3"]}, engine="sequential", report=False)
+    assert not [note for note in noisy.notes if "no effect" in note]
+
+
+def test_a_success_that_no_trial_can_have_is_told():
+    """Nothing settles within 0.3 s."""
+    result = fc.sweep(small(success="settling_time_2pct_s <= 4"), engine="sequential", report=False)
+    assert "success asks for settling_time_2pct_s, of which no trial has a value: none is one" in result.notes
+
+
 def test_processes_give_the_same_table(whole, tmp_path):
     fc.sweep(small(), out=tmp_path / "two", workers=2, report=False)
     assert (tmp_path / "two" / "trials.parquet").read_bytes() == (whole[0] / "trials.parquet").read_bytes()

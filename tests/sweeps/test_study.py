@@ -174,6 +174,14 @@ def test_a_misspelt_mode_in_the_name_of_a_metric_is_refused(keys, place):
     ("keys", "message"),
     [
         ({"success": "inserted == 1"}, "^sweep: success asks for inserted: must go with an analysis !Insertion$"),
+        (
+            {"success": "left.overshoot_pct < 5"},
+            "^sweep: success asks for left.overshoot_pct: must be overshoot_pct, of",
+        ),
+        (
+            {"findings": {"a": f"{GAIN} > 2"}},
+            "^sweep: findings.a asks for .*: must be integral_gain, of the one surface$",
+        ),
         ({"shown": ["left.reached"]}, "^sweep: shown.0 asks for left.reached: must go with an analysis !Reaching$"),
         (
             {"compare": ["a", "b"], "arms": {"a": {}, "b": {GAIN: 2.0}}},
@@ -185,6 +193,32 @@ def test_a_misspelt_mode_in_the_name_of_a_metric_is_refused(keys, place):
 def test_what_no_trial_can_say_is_refused(keys, message):
     with pytest.raises(BadInputError, match=message):
         study(**keys)
+
+
+TWO_ARMS = """
+station:
+  fidelity: Multibody
+  robot: yumi
+  tool: yumi_gripper
+  drive: !JointInterface {}
+  sensors: {joints: !JointReadings {}}
+  environment: !Parts {parts: {one: !Surface {arm: left}, other: !Surface {arm: right}}}
+controller: !Integral {}
+estimators: {force: !ForceEstimator {}}
+duration: 0.1
+signals: {measured_force: !Projection {}}
+"""
+
+
+def test_metrics_of_several_surfaces_are_asked_for_by_their_names():
+    two = {"scenario": drawn(TWO_ARMS), "variant": None, "overrides": {}, "keys": {}}
+    assert study(**two, success="one.overshoot_pct < 5", shown=["other.step_1.overshoot_N"]).size
+    with pytest.raises(BadInputError, match=r"success asks for overshoot_pct: must be of one of one, other"):
+        study(**two, success="overshoot_pct < 5")
+
+
+def test_a_surface_that_is_varied_may_have_any_name():
+    study(success="left.overshoot_pct < 5", keys={"station.environment.stiffness": [1e3]})
 
 
 def test_an_analysis_of_one_arm_is_enough_for_its_metrics():

@@ -39,6 +39,10 @@ START = 'scenario: fig_2_7\nvariant: "K_I = 1.5 1/s"\noverrides: {station.fideli
             START + "success: a > 1\nrepeat: {half_width: 2}",
             "sweep.yaml:5: repeat.half_width = 2.0: must be above 0 and at most 0.5",
         ),
+        (
+            START + "success: a > 1\nrepeat: {half_width: 0.01, at_most: 100}",
+            "sweep.yaml:5: repeat.at_most = 100: must be at least 189: no interval of fewer trials has half_",
+        ),
         (START + "success: overshoot_pct <= peak_force_N", "'overshoot_pct' in % and 'peak_force_N' in N: must be of"),
         (START + "findings: {a: peak_force_N - overshoot_N > rise_time_s}", "and 'rise_time_s' in s: must be of the"),
         (START + "success: max(peak_force_N, rise_time_s) < 3", "success = 'max(peak_force_N, rise_time_s) < 3': 'pea"),
