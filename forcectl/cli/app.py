@@ -17,6 +17,7 @@ from forcectl.cli.diagrams import check, graph
 from forcectl.cli.faults import faults
 from forcectl.cli.memory import check_memory
 from forcectl.cli.net import DEBUG
+from forcectl.cli.options import OnceCommand
 from forcectl.cli.reproduce import reproduce
 from forcectl.cli.robot import robot
 from forcectl.cli.run import StrictCommand, run, show
@@ -72,12 +73,12 @@ _COMMANDS: tuple[Callable[..., None], ...] = (
     merge,
     faults,
 )
-app.command("list")(list_)
+app.command("list", cls=OnceCommand)(list_)
 app.command(cls=StrictCommand)(run)
 for command in _COMMANDS:
-    app.command()(command)
+    app.command(cls=OnceCommand)(command)
 app.add_typer(tuning, name="tune")
-tuning.command()(vrft)
+tuning.command(cls=OnceCommand)(vrft)
 
 # Typer carries its own copy of Click in newer versions, so the base of its complaints is found by name.
 _Complaint: type[Exception] = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")

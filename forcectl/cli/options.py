@@ -6,8 +6,10 @@ import json
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from forcectl.cli import completion
+from forcectl.errors import BadInputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -59,6 +61,19 @@ Workers = Annotated[int | None, typer.Option(metavar="N", min=1, help="Processes
 Force = Annotated[bool, typer.Option("--force", help="Replace the earlier run in --out.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
+
+
+class OnceCommand(TyperCommand):
+    """A command whose options of one value stand once: of two values one would be lost."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As usual, after that."""
+        order: list[Any] = self.make_parser(ctx).parse_args(args=[*args])[2]
+        for option in (each for each in order if each.param_type_name == "option" and not each.multiple):
+            says_more = not option.is_flag or option.secondary_opts
+            if says_more and order.count(option) > 1 and not ctx.resilient_parsing:
+                raise BadInputError(f"{'/'.join([*option.opts, *option.secondary_opts])}: must stand once")
+        return super().parse_args(ctx, args)
 
 
 def echo_json(content: Any) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from forcectl.analysis.findings.finding import SEVERITIES, findings_lines, parse_severity
 from forcectl.cli.options import (
@@ -15,6 +14,7 @@ from forcectl.cli.options import (
     AsJson,
     Fidelity,
     Force,
+    OnceCommand,
     Quiet,
     Seed,
     Settings,
@@ -51,7 +51,7 @@ Strict = Annotated[
 ]
 
 
-class StrictCommand(TyperCommand):
+class StrictCommand(OnceCommand):
     """A command whose option `--strict` may stand alone, which then is for warnings."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
