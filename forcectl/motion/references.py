@@ -25,8 +25,12 @@ _SHORTEST = 1e-9  # time between two points of a reference [s]
 
 
 def held_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomial:
-    """Values (n, k) held from each of the times (k,) [s] on; the last one for ever."""
-    times, values = np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float))
+    """Values (n, k) held from each of the times (k,) [s] on; the last one for ever.
+
+    Raises:
+        BadInputError: as `linear_trajectory`, but one time is enough.
+    """
+    times, values = _points(times, values, least=1)
     # A zero-order hold needs an end for its last segment; the trajectory keeps that value beyond it.
     return PiecewisePolynomial.ZeroOrderHold(
         np.append(times, 2 * times[-1] + 1.0), np.column_stack([values, values[:, -1]])
@@ -34,10 +38,24 @@ def held_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomial:
 
 
 def linear_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomial:
-    """Values (n, k) joined by straight lines between the times (k,) [s], constant before and after."""
-    return PiecewisePolynomial.FirstOrderHold(
-        np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float))
-    )
+    """Values (n, k) joined by straight lines between the times (k,) [s], constant before and after.
+
+    Raises:
+        BadInputError: times that do not increase, fewer than two, another number of values, or one that is not finite.
+    """
+    return PiecewisePolynomial.FirstOrderHold(*_points(times, values, least=2))
+
+
+def _points(times: ArrayLike, values: ArrayLike, least: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times (k,) and values (n, k), at least so many."""
+    t, each = np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float))
+    if t.ndim != 1 or t.size < least or not np.isfinite(t).all() or (np.diff(t) < _SHORTEST).any():
+        raise invalid("times", t.tolist(), f"at least {least}, finite and increasing by at least {_SHORTEST:g} s")
+    if each.ndim != 2 or each.shape[1] != t.size or not np.isfinite(each).all():
+        raise BadInputError(
+            f" have shape {each.shape}: must be finite, with {t.size} columns, as many as times", key="values"
+        )
+    return t, each
 
 
 def stack_scaled(trajectory: PiecewisePolynomial, scale: NDArray[np.float64]) -> PiecewisePolynomial:

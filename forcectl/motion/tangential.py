@@ -15,6 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.framework.batch import check
 from forcectl.framework.fields import Config, key
 from forcectl.motion.references import Reference
 from forcectl.robot.model import RobotModel
@@ -32,7 +33,13 @@ def trapezoidal_profile(distance: float, speed: float, acceleration: float, time
         distance: [m], >= 0.
         speed: [m/s], > 0.
         acceleration: [m/s^2], > 0.
+
+    Raises:
+        BadInputError: one of them is not.
     """
+    check("distance", distance, "not negative")
+    check("speed", speed, "positive")
+    check("acceleration", acceleration, "positive")
     ramp = ramp_duration(distance, speed, acceleration)
     top = acceleration * ramp
     end = distance / top + ramp if top > 0 else 0.0

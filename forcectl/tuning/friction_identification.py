@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 _LEAST_SAMPLES = 20
 _WORST_CONDITION = 1e4
 _OUTLIERS = 0.99  # share of the ticks that the threshold covers
+_BRAKES = 0.5  # correlation of torque and speed, below minus which friction has the wrong sign
 _NEAR_REST = 0.1  # [rad/s] sech(30 q') is 0.1 there
 
 
@@ -130,8 +131,8 @@ def identify_friction(
         joints: names for messages; empty: joint 1, joint 2 and so on.
 
     Raises:
-        BadInputError: shapes that do not fit, or a run that does not excite a joint: it has to move in both directions,
-            each at more than one speed.
+        BadInputError: shapes that do not fit, torque of the wrong sign, or a run that does not excite a joint: it has
+            to move in both directions, each at more than one speed.
     """
     start, end, load = (np.asarray(values, dtype=float) for values in (before, after, torque))
     slow = check("slowest", slowest, "not negative")
@@ -158,6 +159,8 @@ def _fit_joint(joint: str, before: Array, after: Array, torque: Array, slowest: 
     if np.any(scale == 0) or np.linalg.cond(features / np.where(scale > 0, scale, 1.0)) > _WORST_CONDITION:
         raise BadInputError(f"{joint}: is not excited: must move both ways, each at more than one speed")
     wanted = torque[moving]
+    if _alike(wanted, (before + after)[moving]) < -_BRAKES:
+        raise BadInputError(f"{joint}: torque drives the motion: must brake it, and be positive with a positive speed")
     # The offset may have either sign: it is the difference of two that may not be negative.
     solution = nnls(np.column_stack([features / scale, -features[:, 0] / scale[0]]), wanted)[0]
     coefficients = solution[:4] / scale
@@ -173,6 +176,13 @@ def _fit_joint(joint: str, before: Array, after: Array, torque: Array, slowest: 
     explained = 1.0 - float(np.mean(left**2)) / spread if spread > 0 else 0.0
     move, still = _threshold_levels(before, after, torque, coefficients)
     return coefficients, deviation, float(np.sqrt(np.mean(left**2))), explained, move, still, count
+
+
+def _alike(one: Array, other: Array) -> float:
+    """Correlation of two signals, from -1 to 1; 0 where one is constant."""
+    a, b = one - one.mean(), other - other.mean()
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) / size if size > 0 else 0.0
 
 
 def _features(before: Array, after: Array) -> Array:

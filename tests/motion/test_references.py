@@ -267,3 +267,26 @@ def test_configs_check_themselves(build, told):
     with pytest.raises(BadInputError, match=told) as caught:
         build()
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("make", [held_trajectory, linear_trajectory])
+@pytest.mark.parametrize(
+    ("times", "values", "told"),
+    [
+        ([0, 2, 1], [0, 1, 2], r"times = \[0.0, 2.0, 1.0\]: must be at least .*, finite and increasing by"),
+        ([0, 0], [0, 1], "times = .* increasing"),
+        ([], [], "times = .* at least"),
+        ([0, np.nan], [0, 1], "times = .* finite"),
+        ([0, 1, 2], [0, 1], r"values have shape \(1, 2\): must be finite, with 3 columns, as many as times"),
+        ([0, 1], [0, np.inf], "values have shape .* must be finite"),
+    ],
+)
+def test_points_that_make_no_trajectory_are_refused(make, times, values, told):
+    with pytest.raises(BadInputError, match=told):
+        make(times, values)
+
+
+def test_one_value_can_be_held_but_not_joined():
+    assert held_trajectory([1.0], [3.0]).value(5.0).item() == 3.0
+    with pytest.raises(BadInputError, match=r"times = \[1.0\]: must be at least 2"):
+        linear_trajectory([1.0], [3.0])

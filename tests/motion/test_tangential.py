@@ -156,3 +156,10 @@ def test_bad_values_are_named(values: dict[str, Any], told: str) -> None:
 def test_paths_that_cannot_be_moved_along_are_refused(values: dict[str, Any], told: str) -> None:
     with pytest.raises(BadInputError, match=told):
         TangentialMotionConfig(**values).trajectory(workcell().robot, workcell().start, workcell().contact.n)
+
+
+@pytest.mark.parametrize("name", ["distance", "speed", "acceleration"])
+def test_a_profile_of_no_move_is_refused(name: str) -> None:
+    move = {"distance": 0.1, "speed": 0.02, "acceleration": 0.05} | {name: -1.0}
+    with pytest.raises(BadInputError, match=rf"{name} = -1.0: must be"):
+        trapezoidal_profile(**move, times=np.linspace(0.0, 1.0, 5))

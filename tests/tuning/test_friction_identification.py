@@ -119,3 +119,12 @@ def test_a_robot_that_was_moved_gives_its_friction(noise):
     scale = np.array([true.coulomb, true.coulomb, true.viscous_forward, true.viscous_backward])
     error = np.abs(coefficients(fit.friction) - coefficients(true)) / scale
     assert error.max() < (0.03 if noise else 0.01), error
+
+
+def test_torque_of_the_wrong_sign_is_refused() -> None:
+    """Non-negative least squares would find no friction at all, and say nothing."""
+    before, after, torque = ticks(0.2)
+    with pytest.raises(BadInputError, match="joint 1: torque drives the motion: must brake it, and be positive with a"):
+        identify_friction(before, after, -torque)
+    white = np.random.default_rng(0).standard_normal(torque.shape)
+    assert identify_friction(before, after, white).rms.shape == (torque.shape[1],)  # an ideal joint has none
