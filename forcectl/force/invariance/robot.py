@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.adaptive_force_law import Adaptation
 from forcectl.force.approach import without_move
@@ -27,6 +27,7 @@ from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.tasks.constraints.parts import at_keys, constraints_of
 
 Array = NDArray[np.float64]
+_TURN = 2 * np.pi  # [rad] beyond the limits of the robot, that those instead may be; further are degrees
 
 
 class AdaptiveInvarianceController(PythonDiagram):
@@ -94,6 +95,10 @@ class JointLimitConfig(Config):
                     f" has {len(given)} values: must have {len(own)}, one per joint", key=f"limits.{name}"
                 )
             chosen[name] = np.array(given, dtype=float) if given else own
+            beyond = chosen[name] - own if name == "position_upper" else own - chosen[name]
+            if name.startswith("position") and (beyond > _TURN).any():
+                allowed = f"within a turn of the robot's, {np.round(own, 3).tolist()} rad"
+                raise invalid(f"limits.{name}", given, allowed)
         return JointLimits(**chosen)
 
 

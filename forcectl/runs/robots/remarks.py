@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from itertools import pairwise
 
 from pydrake.multibody.tree import BodyIndex
 
@@ -30,11 +31,23 @@ def remarks(explorer: Explorer, found: Found, tree: ModelTree, wrong: Collection
     for name, inertia in zip(arm_joints, found.inertia, strict=True):
         if inertia < _NO_INERTIA:
             yield f"what joint {name} moves has no inertia: only its rotor resists"
+    yield from _of_order(explorer)
     yield from _of_friction(explorer, tree)
     if parts.missing_shapes:
         yield "some collision shapes are missing: links keep no distance and do not touch (link_distance: 0)"
     elif not any(plant.GetCollisionGeometriesForBody(plant.get_body(BodyIndex(i))) for i in range(plant.num_bodies())):
         yield "there are no collision shapes: links keep no distance and do not touch (link_distance: 0)"
+
+
+def _of_order(explorer: Explorer) -> Iterator[str]:
+    """Arms whose joints do not stand in their order along the arm: every list of numbers goes with it."""
+    plant, joints = explorer.plant, explorer.parts.joints
+    for arm in explorer.parts.arms.values():
+        for before, after in pairwise(joints[arm.joints]):
+            moved = plant.GetBodiesKinematicallyAffectedBy([after.index()])
+            if before.child_body().index() in moved:
+                order = "the joints do not stand from base to flange, and lists of numbers go in their order"
+                yield f"arm_joints: {before.name()} before {after.name()}, which moves it: {order}"
 
 
 def _of_friction(explorer: Explorer, tree: ModelTree) -> Iterator[str]:

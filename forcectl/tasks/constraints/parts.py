@@ -62,7 +62,7 @@ def at_keys(keys: Iterable[tuple[str, Constraint]]) -> Iterator[None]:
 class WallConfig(Config):
     """Scenario part `!Wall`: a plane that the TCP of an arm stays in front of."""
 
-    point: list[float] = key(meaning="on the plane, in W", unit="m", size=3)
+    point: list[float] = key(meaning="on the plane, in W", unit="m", bounds="from -10 to 10", size=3)
     normal: list[float] = key(meaning="towards the free side, in W", bounds="not all zero", size=3)
     arm: str = key("", "name of the arm; empty: the first")
     gamma: float | None = key(

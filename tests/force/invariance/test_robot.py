@@ -200,6 +200,10 @@ def test_a_users_wall_and_one_of_the_scenario_stop_the_motion_while_the_force_is
         ("constraints: [!Import {path: 'own_constraints:NoPart'}]", "fills the slot constraint, with constraint"),
         ("constraints: [!Wal {}]", "controller.constraints.0: unknown tag '!Wal': did you mean '!Wall'?"),
         ("constraints: {a: 1}", "controller.constraints = {'a': 1}: must be a list"),
+        (
+            "constraints: [!Wall {point: [0, 0, -300], normal: [0, 0, 1]}]",
+            "constraints.0.point.2 = -300.0: must be from -10",
+        ),
         ("constraints: [!Wall {point: [1, 0], normal: [1, 0, 0]}]", "constraints.0.point = [1.0, 0.0]: must be three"),
         ("outputs: [{axis: [0, 1], displacement: 0.1}]", "controller.outputs.0.axis = [0.0, 1.0]: must be three"),
         ("outputs: [{axis: [0, 0, 0], displacement: 0.1}]", "controller.outputs.0.axis = [0.0, 0.0, 0.0]: must be"),
@@ -233,6 +237,14 @@ def test_a_wrong_value_in_a_scenario_is_one_line(own_module: None, tmp_path: Pat
         (
             InvarianceRobotConfig(limits=JointLimitConfig(position_lower=[0.1] * 6, position_upper=[0.0] * 6)),
             "position_lower = .*: must be below",
+        ),
+        (
+            InvarianceRobotConfig(limits=JointLimitConfig(position_upper=[160.0] * 6)),
+            r"controller.limits.position_upper = \[160.0, .*: must be within a turn of the robot's, \[2.967, .* rad$",
+        ),
+        (
+            InvarianceRobotConfig(limits=JointLimitConfig(position_lower=[-90.0] * 6)),
+            r"controller.limits.position_lower = \[-90.0, .*: must be within a turn of the robot's, ",
         ),
         (
             InvarianceRobotConfig(constraints=[WallConfig(point=[0, 0, 0], normal=[-1, 0, 0])]),

@@ -64,3 +64,13 @@ def test_what_is_wrong_in_an_arm_is_told_beside_all_that_is_missing(tmp_path):
     problems = examine_robot(folder).problems
     assert not any("velocity" in problem for problem in problems)
     assert "link 'link_3': mass = 100000 kg: must be from" in problems[-1]
+
+
+def test_joints_out_of_their_order_are_noted(tmp_path):
+    folder = write_planar_robot(tmp_path, CONTROL.replace("[shoulder, elbow, wrist]", "[elbow, shoulder, wrist]"))
+    told = (
+        "arm_joints: elbow before shoulder, which moves it: the joints do not stand from base to flange, and lists of"
+    )
+    assert [note for note in examine_robot(folder).notes if note.startswith(told)]
+    write_planar_robot(tmp_path / "own", CONTROL)
+    assert not [note for note in examine_robot(tmp_path / "own").notes if "arm_joints" in note]
