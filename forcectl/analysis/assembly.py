@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.analysis.insertion import BESIDE, part_orientation, part_rows
+from forcectl.analysis.insertion import BESIDE, DEPTHS, check_seat, part_orientation, part_rows
 from forcectl.analysis.slot import WithoutFigures, check_parts
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
 
 Array = NDArray[np.float64]
@@ -33,12 +33,24 @@ class AssemblyAnalysis(Config, WithoutFigures):
     bore: str = key("tube", "part whose frame is in the opening of the bore")
     cap: str = key("cap", "part whose frame is in its face")
     mount: str = key("mount", "part whose frame is between its feet")
-    lead_in: float = key(0.012, "depth at which the peg is past it", unit="m", bounds="positive")
-    seat: float = key(0.096, "depth of a peg that is seated", unit="m", bounds="positive")
+    lead_in: float = key(0.012, "depth at which the peg is past it", unit="m", bounds=DEPTHS)
+    seat: float = key(0.096, "depth of a peg that is seated", unit="m", bounds=DEPTHS)
     within: float = key(0.002, "of that depth, and of the mount's face", unit="m", bounds="positive")
-    lock_deg: float = key(16.0, "angle of the mount in the cap from which on it is locked", unit="deg")
-    straight_deg: float = key(5.0, "tilt of the mount in the cap that is straight", unit="deg", bounds="positive")
+    lock_deg: float = key(
+        16.0, "angle of the mount in the cap from which on it is locked", unit="deg", bounds="from -180 to 180"
+    )
+    straight_deg: float = key(
+        5.0, "tilt of the mount in the cap that is straight", unit="deg", bounds="above 0 and at most 180"
+    )
     force: float = key(18.0, "largest that is allowed", unit="N", bounds="positive")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_seat(self)
+        if self.lead_in >= self.seat:
+            raise invalid("lead_in", self.lead_in, f"below seat = {self.seat:g} m")
+        if self.cap == self.mount:
+            raise invalid("mount", self.mount, "another part than cap")
 
     def check(self, signals: Mapping[str, Any], setting: Setting) -> None:
         """Parts are there.

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _ROUNDING = 1e-9  # [s]
+DEPTHS = "above 0 and at most 1"  # [m] of a bore
 BESIDE = 0.01  # [m] from the axis, from where on a part stands beside the other one
 _TOUCH = 0.05  # [N] a smaller true force is no contact
 _IN_THE_AIR = 0.1  # [s] without contact, after which a decision was one in the air
@@ -72,6 +73,14 @@ def decided_in_the_air(time: Array, force: Array, way: Sequence[Stay], on_contac
     return float(sum(not (force[(time > at - _IN_THE_AIR) & (time <= at)] > _TOUCH).any() for at in begins))
 
 
+def check_seat(part: Any) -> None:
+    """BadInputError about a configuration whose peg is its bore, or is seated as soon as it is at the mouth."""
+    if part.peg == part.bore:
+        raise invalid("bore", part.bore, "another part than peg")
+    if part.within >= part.seat:
+        raise invalid("within", part.within, f"below seat = {part.seat:g} m")
+
+
 @dataclass(kw_only=True)
 class InsertionAnalysis(Config):
     """Scenario part `!Insertion`.
@@ -86,12 +95,16 @@ class InsertionAnalysis(Config):
 
     peg: str = key("plunger", "part whose frame is in the peg's front face")
     bore: str = key("tube", "part whose frame is in the opening of the bore")
-    seat: float = key(0.096, "depth of a peg that is seated", unit="m", bounds="positive")
+    seat: float = key(0.096, "depth of a peg that is seated", unit="m", bounds=DEPTHS)
     within: float = key(0.002, "of that depth a peg is seated", unit="m", bounds="positive")
-    beside: float = key(BESIDE, "from the axis, from where on it is not in the bore", unit="m", bounds="positive")
+    beside: float = key(BESIDE, "from the axis, from where on it is not in the bore", unit="m", bounds=DEPTHS)
     on_contact: list[str] = key([], "modes that only a contact may begin")
     task: int = key(1, "number of the task that inserts, whose estimated forces are drawn", bounds="positive")
     coordinate: int = key(1, "number of its first coordinate, from which on speeds are drawn", bounds="positive")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_seat(self)
 
     def check(self, signals: Mapping[str, LoggedSignal], setting: Setting) -> None:
         """Parts, modes and task are there.

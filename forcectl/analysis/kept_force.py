@@ -14,7 +14,7 @@ from forcectl.analysis.slot import CONTACT_TRUTH, check_modes, check_parts, vari
 from forcectl.analysis.tables.task_tables import KEPT_FORCE_METRICS
 from forcectl.analysis.transitions import Stay, stays
 from forcectl.diagrams.model import Setting
-from forcectl.errors import invalid
+from forcectl.errors import check_distinct, invalid
 from forcectl.framework.fields import Config, key
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ class KeptForceAnalysis(Config):
         super().__post_init__()
         if not self.force[0] < self.force[1]:
             raise invalid("force", self.force, "the smaller one first")
+        check_distinct("parts", self.parts)
 
     def check(self, signals: Mapping[str, LoggedSignal], setting: Setting) -> None:
         """Parts, modes and coordinate are there.

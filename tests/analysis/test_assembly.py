@@ -107,4 +107,22 @@ def test_parts_that_there_are_none_of_and_one_that_is_fixed_are_refused():
     with pytest.raises(BadInputError, match="peg: unknown part 'plugner': did you mean 'plunger'"):
         AssemblyAnalysis(peg="plugner").check({}, SETTING)
     with pytest.raises(BadInputError, match="cap must be a part that an arm can hold"):
-        AssemblyAnalysis(cap="mount").check({}, SETTING)
+        AssemblyAnalysis(cap="mount", mount="cap").check({}, SETTING)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"seat": 96.0}, "seat = 96.0: must be above 0 and at most 1"),
+        ({"within": 0.096}, "within = 0.096: must be below seat = 0.096 m"),
+        ({"lead_in": 0.12}, "lead_in = 0.12: must be below seat = 0.096 m"),
+        ({"bore": "plunger"}, "bore = 'plunger': must be another part than peg"),
+        ({"mount": "cap"}, "mount = 'cap': must be another part than cap"),
+        ({"lock_deg": 916.0}, "lock_deg = 916.0: must be from -180 to 180"),
+        ({"straight_deg": 360.0}, "straight_deg = 360.0: must be above 0 and at most 180"),
+    ],
+)
+def test_what_no_assembly_can_be_is_refused(options, told):
+    with pytest.raises(BadInputError) as error:
+        AssemblyAnalysis(**options)
+    assert told in str(error.value)

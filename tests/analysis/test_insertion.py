@@ -132,6 +132,21 @@ def test_an_unknown_part(options, key):
         InsertionAnalysis(**options).check({}, SETTING)
 
 
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"seat": 96.0}, "seat = 96.0: must be above 0 and at most 1"),
+        ({"beside": 10.0}, "beside = 10.0: must be above 0 and at most 1"),
+        ({"within": 0.2}, "within = 0.2: must be below seat = 0.096 m"),
+        ({"bore": "plunger"}, "bore = 'plunger': must be another part than peg"),
+    ],
+)
+def test_what_no_insertion_can_be_is_refused(options, told):
+    with pytest.raises(BadInputError) as error:
+        InsertionAnalysis(**options)
+    assert told in str(error.value)
+
+
 def test_without_the_truth_of_the_contact():
     with pytest.raises(BadInputError, match="finds no body_contact_wrench: must go together with"):
         check_fits(InsertionAnalysis(), {}, SETTING)

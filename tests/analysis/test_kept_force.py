@@ -99,6 +99,8 @@ def test_a_figure_of_it_and_a_band_the_wrong_way_round():
     assert {line.get_ydata()[0] for line in force.lines if len(line.get_xdata()) == 2} == {0.2, 0.5}
     with pytest.raises(BadInputError, match=r"force = .*: must be the smaller one first"):
         KeptForceAnalysis(force=[0.5, 0.2])
+    with pytest.raises(BadInputError, match=r"parts\.1 = 'cap': must be another one than those before it"):
+        KeptForceAnalysis(force=[0.2, 0.5], parts=["cap", "cap"])
 
 
 def test_a_rotation_that_begins_without_contact_was_decided_in_the_air():
