@@ -37,7 +37,7 @@ _LASTS = {
     "station": ("delay", "posture_period"),
     "guard": ("patience", "frozen_time"),
     "estimators": ("tare_duration",),
-    "analyses": ("begin",),
+    "analyses": ("begin", "deadline"),
     "findings": ("bounce", "saturated", "stuck"),
 }
 _LATEST = 0.999  # of the run, that something may begin at

@@ -10,6 +10,7 @@ from forcectl.scenario.scenario import build, load_scenario
 
 # Text of a scenario of 2 s; how the message goes on after file and line.
 REFUSED = [
+    ("analyses: {s: !SurfaceAlignment {deadline: 3.5}}", "analyses.s.deadline = 3.5: must be below duration = 2 s"),
     ("reference: !Ramp {rate: 0.001}", "reference.rate = 0.001: must be enough to end before 60 s, 20 times duration"),
     ("reference: !Sine {frequency: 0.001}", "reference.frequency = 0.001: must be at least 0.01667 Hz, one period in"),
     ("reference_model: 1e-3", "reference_model = 0.001: must be at least 0.01667 rad/s, one over 20 times"),

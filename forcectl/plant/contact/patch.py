@@ -28,6 +28,7 @@ from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import unit_normal
 
 Array = NDArray[np.float64]
+_ALONG = 1e-3  # sine of the angle, below which two directions are one
 
 
 def patch_points(width: float, count: int) -> Array:
@@ -74,6 +75,8 @@ class PatchConfig(Config):
         super().__post_init__()
         if self.dissipation and self.damping:
             raise invalid("dissipation", self.dissipation, "0 with damping")
+        if self.tilt_deg and np.linalg.norm(np.cross(unit_normal(self.tilt_axis), unit_normal(self.facing))) < _ALONG:
+            raise invalid("tilt_axis", self.tilt_axis, f"across facing = {self.facing}: about it nothing is tilted")
 
     @property
     def normal(self) -> list[float]:

@@ -40,6 +40,10 @@ def test_the_plate_is_turned_about_its_axis(tilt):
     [
         ({"points": 1}, "points = 1: must be a whole number from 2 to 10"),
         ({"tilt_axis": [0.0, 0.0, 0.0]}, "tilt_axis = .*: must be not all zero"),
+        (
+            {"tilt_deg": 10.0, "tilt_axis": [0.0, 0.0, -2.0]},
+            r"tilt_axis = \[0.0, 0.0, -2.0\]: must be across facing = \[0.0, 0.0, 1.0\]: about it nothing is tilted",
+        ),
         ({"damping": 1.0, "dissipation": 1.0}, "dissipation = 1.0: must be 0 with damping"),
         ({"width": 0.0}, "width = 0.0: must be positive"),
     ],
