@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator
 from itertools import pairwise
 
-from pydrake.multibody.tree import BodyIndex
+from pydrake.multibody.tree import BodyIndex, RevoluteJoint
 
 from forcectl.robot.assumptions import OF_MODEL
 from forcectl.runs.robots.proposal import Explorer, Found, ModelTree
 
 _NO_INERTIA = 1e-9  # [kg m2]
+_SLOW = 0.1  # [rad/s] of the fastest joint: heavy robots turn ten times as fast
+_SWINGS = 0.3  # damping ratio of a position loop, below which it overshoots by more than a third
 
 
 def remarks(explorer: Explorer, found: Found, tree: ModelTree, wrong: Collection[str]) -> Iterator[str]:
@@ -32,6 +35,7 @@ def remarks(explorer: Explorer, found: Found, tree: ModelTree, wrong: Collection
         if inertia < _NO_INERTIA:
             yield f"what joint {name} moves has no inertia: only its rotor resists"
     yield from _of_order(explorer)
+    yield from _of_motion(explorer)
     yield from _of_friction(explorer, tree)
     if parts.missing_shapes:
         yield "some collision shapes are missing: links keep no distance and do not touch (link_distance: 0)"
@@ -48,6 +52,18 @@ def _of_order(explorer: Explorer) -> Iterator[str]:
             if before.child_body().index() in moved:
                 order = "the joints do not stand from base to flange, and lists of numbers go in their order"
                 yield f"arm_joints: {before.name()} before {after.name()}, which moves it: {order}"
+
+
+def _of_motion(explorer: Explorer) -> Iterator[str]:
+    """Arms that hardly turn, and position loops that swing."""
+    turning = [joint for joint in explorer.parts.joints if isinstance(joint, RevoluteJoint)]
+    fastest = max((float(joint.velocity_upper_limits()[0]) for joint in turning), default=math.inf)
+    if fastest < _SLOW:
+        yield f"the fastest joint turns with {math.degrees(fastest):.3g} deg/s: are speed limits in rad/s?"
+    damping = explorer.parts.parameters.reference_filter.damping_ratio
+    if damping < _SWINGS:
+        beyond = 100 * math.exp(-math.pi * damping / math.sqrt(1 - damping**2))
+        yield f"reference_filter.damping_ratio = {damping:g}: position loops overshoot by {beyond:.0f} %"
 
 
 def _of_friction(explorer: Explorer, tree: ModelTree) -> Iterator[str]:

@@ -74,3 +74,15 @@ def test_joints_out_of_their_order_are_noted(tmp_path):
     assert [note for note in examine_robot(folder).notes if note.startswith(told)]
     write_planar_robot(tmp_path / "own", CONTROL)
     assert not [note for note in examine_robot(tmp_path / "own").notes if "arm_joints" in note]
+
+
+def test_speeds_and_damping_of_another_unit_are_noted(tmp_path):
+    folder = write_planar_robot(tmp_path / "own", CONTROL.replace("damping_ratio: 0.9", "damping_ratio: 0.01"))
+    told = "reference_filter.damping_ratio = 0.01: position loops overshoot by 97 %"
+    assert [note for note in examine_robot(folder).notes if "overshoot" in note] == [told]
+    folder = write_planar_robot(tmp_path / "slow")
+    file = folder / "planar.urdf"
+    file.write_text(file.read_text().replace('velocity="2"', 'velocity="0.035"'))
+    notes = examine_robot(folder).notes
+    told = "the fastest joint turns with 2.01 deg/s: are speed limits in rad/s?"
+    assert [note for note in notes if "fastest" in note or "overshoot" in note] == [told]
