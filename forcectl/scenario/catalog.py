@@ -325,10 +325,11 @@ def find_scenario(name_or_path: str | Path) -> ScenarioFile:
     path = Path(os.path.expanduser(name))
     if os.path.isfile(path):
         return read_scenario(path, path.stem)
-    if path.suffix in (".yaml", ".yml") or "/" in name:
-        kind = "is a folder" if os.path.isdir(path) else "does not exist"
+    if (folder := os.path.isdir(path)) or path.suffix in (".yaml", ".yml") or "/" in name:
+        kind = "is a folder" if folder else "does not exist"
+        inside = f", such as {show(str(path / 'scenario.yaml'))}," if os.path.isfile(path / "scenario.yaml") else ""
         raise BadInputError(
-            f"scenario file {show(name)} {kind}: must be a YAML file or one of: {', '.join(list_experiments())}"
+            f"scenario file {show(name)} {kind}: must be a YAML file{inside} or one of: {', '.join(list_experiments())}"
         )
     raise unknown("scenario", name, list_experiments())
 

@@ -53,3 +53,15 @@ def test_a_file_is_found_by_path_and_its_name_is_the_stem(tmp_path, monkeypatch)
     assert catalog.find_scenario("fig_2_7").origin == "fig_2_7.yaml"
     with pytest.raises(BadInputError, match=r"scenario file 'other.yaml' does not exist"):
         catalog.find_scenario("other.yaml")
+
+
+def test_the_directory_of_a_run_is_told_from_its_scenario(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "first").mkdir()
+    with pytest.raises(BadInputError, match=r"scenario file 'first' is a folder: must be a YAML file or one of: "):
+        catalog.find_scenario("first")
+    (tmp_path / "first" / "scenario.yaml").write_text("duration: 1")
+    with pytest.raises(
+        BadInputError, match=r"is a folder: must be a YAML file, such as 'first/scenario.yaml', or one "
+    ):
+        catalog.find_scenario("first")
