@@ -172,6 +172,8 @@ NO_EFFECT = [
     ("model: {payload: 1}\nanalyses: {mine: !Import {path: own:Mine}}", [], ""),
     ("reference: !Sequence {times: [0, 0.2], forces: [5, 5]}", ["reference.times.1"], "the force stays 5 N"),
     ("reference: !Sequence {times: [0, 0.2], forces: [5, 6]}", [], ""),
+    ("reference: !Step {force: 0}", ["reference"], "0 N are wanted all the time"),
+    ("reference: !Step {force: 0}\ncontroller: !RecursiveVrft {}", [], ""),
     ("reference: !Ramp {force: 15, rate: 5}", ["reference.force = 15"], "the ramp ends at 3 s, the run at 0.4 s"),
     ("reference: !Ramp {force: 15, rate: 50}", [], ""),
     ("motion: {distance: 0.1, speed: 0.02}", ["motion.distance = 0.1"], "the tool goes 0.004 m in the run, of 0.4 s"),

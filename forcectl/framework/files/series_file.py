@@ -33,9 +33,10 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
     if twice := next((name for name in columns if columns.count(name) > 1), None):
         raise BadInputError(f" = {show(path)} has the column {show(twice)} twice: must have it once", key="path")
     if not {along, value} <= set(table.fieldnames or ()):
-        raise BadInputError(
-            f" = {show(path)} has columns {show(table.fieldnames)}: must have {along} and {value}", key="path"
-        )
+        named = {name.partition("[")[0].strip() for name in columns}
+        bare = ", named without a unit: they are in SI units" if {along, value} <= named else ""
+        wanted = f"must have {along} and {value}{bare}"
+        raise BadInputError(f" = {show(path)} has columns {show(table.fieldnames)}: {wanted}", key="path")
     rows: list[tuple[float, float]] = []
     for number, row in enumerate(table, start=2):
         if None in row:

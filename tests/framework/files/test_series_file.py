@@ -26,6 +26,7 @@ def test_columns_come_in_any_order_with_others_between(tmp_path):
     [
         ("", "has columns None: must have s and v"),
         ("s,w\n0,0\n", "must have s and v"),
+        ("s [mm],v [N]\n0,0\n1,1\n", "must have s and v, named without a unit: they are in SI units"),
         ("s,v\n", "has 0 rows: must have at least 2"),
         ("s,v\n0,0\n1,1_0\n", "line 3: s = '1', v = '1_0': must be finite numbers"),
         ("s,v\n0,0\n1,x\n", "line 3: s = '1', v = 'x': must be finite numbers"),
