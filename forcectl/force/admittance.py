@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
 ARRANGEMENTS = ("consistent", "increment")
 GENERATORS = ("velocity", "position")
+_LIMITS = ("velocity_limit", "acceleration_limit")  # of both generators
 _LARGEST_SIZE = 6  # of a filter
 
 
@@ -274,11 +275,19 @@ class AdmittanceConfig(Config):
         "velocity: stops, Algorithm 3; position: returns to the start, which leaves a force error with increment",
         choices=GENERATORS,
     )
-    velocity_limit: float = key(1.0, "of the generator", unit="m/s", bounds="positive")
-    acceleration_limit: float = key(1000.0, "of the generator", unit="m/s^2", bounds="positive")
+    velocity_limit: float = key(1.0, "of the generator, not of the command", unit="m/s", bounds="positive")
+    acceleration_limit: float = key(1000.0, "of the generator, not of the command", unit="m/s^2", bounds="positive")
     jerk_limit: float = key(1e9, "of the generator of positions", unit="m/s^3", bounds="positive")
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001")
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10")
+
+    def unused(self) -> tuple[tuple[str, ...], str]:
+        """Limits that the generator never comes to, and why."""
+        if self.arrangement == "consistent":
+            return (*_LIMITS, "jerk_limit"), "by itself the generator rests, and the command has no such limit"
+        if self.generator == "velocity":
+            return ("velocity_limit", "jerk_limit"), "a generator of velocities that stops has none"
+        return (), ""
 
     def law(self, model: PlantModel) -> AdmittanceForceLaw:
         """The block.
@@ -287,7 +296,7 @@ class AdmittanceConfig(Config):
             BadInputError: the filter alone is unstable.
         """
         n, period = model.size, model.period
-        limits: dict[str, Any] = {"velocity_limit": self.velocity_limit, "acceleration_limit": self.acceleration_limit}
+        limits: dict[str, Any] = {name: getattr(self, name) for name in _LIMITS}
         if self.generator == "velocity":
             generator: System = VelocityGenerator(n, **limits, period=period)
         else:

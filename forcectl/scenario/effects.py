@@ -163,6 +163,9 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
         beyond = getattr(getattr(scenario, name), "beyond", None)
         for key, why in (beyond(scenario.duration) if beyond is not None else {}).items():
             lines.append(f"{name}.{key} has no effect: {why}")
+    for key, part in configs(scenario.controller, "controller"):
+        unused, why = part.unused() if hasattr(part, "unused") else ((), "")
+        lines += _unused(part, key, unused, why)
     if getattr(scenario.motion, "distance", None) == 0:
         lines += _unused(scenario.motion, "motion", ("speed", "acceleration", "slope", "start_time"), "distance is 0")
     return lines

@@ -172,6 +172,20 @@ NO_EFFECT = [
     ("model: {payload: 1}\nanalyses: {mine: !Import {path: own:Mine}}", [], ""),
     ("reference: !Sequence {times: [0, 0.2], forces: [5, 5]}", ["reference.times.1"], "the force stays 5 N"),
     ("reference: !Sequence {times: [0, 0.2], forces: [5, 6]}", [], ""),
+    (
+        "controller: !Admittance {velocity_limit: 0.01, acceleration_limit: 1, jerk_limit: 1e3}",
+        [
+            f"controller.{limit}"
+            for limit in ("velocity_limit = 0.01", "acceleration_limit = 1.0", "jerk_limit = 1000.0")
+        ],
+        "by itself the generator rests, and the command has no such limit",
+    ),
+    (
+        "controller: !Admittance {arrangement: increment, velocity_limit: 0.01, acceleration_limit: 999}",
+        ["controller.velocity_limit = 0.01"],
+        "a generator of velocities that stops has none",
+    ),
+    ("controller: !Admittance {arrangement: increment, generator: position, velocity_limit: 0.9}", [], ""),
     ("reference: !Step {force: 0}", ["reference"], "0 N are wanted all the time"),
     ("reference: !Step {force: 0}\ncontroller: !RecursiveVrft {}", [], ""),
     ("reference: !Ramp {force: 15, rate: 5}", ["reference.force = 15"], "the ramp ends at 3 s, the run at 0.4 s"),
