@@ -147,7 +147,7 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
                 why = "it is none of fidelities"
                 lines.append(f"expect.{i}.{key} = {', '.join(others)} has no effect: {why}")
     pressed = "desired_force" in signals and not hasattr(scenario.controller, "excitation")
-    if pressed and scenario.reference.largest_force() == 0:
+    if pressed and getattr(scenario.reference, "largest_force", lambda: 1.0)() == 0:
         lines.append("reference has no effect: 0 N are wanted all the time")
     forces = getattr(scenario.reference, "forces", [])
     for i, (before, force) in enumerate(pairwise(forces if "desired_force" in signals else ()), start=1):

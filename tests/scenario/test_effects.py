@@ -186,6 +186,12 @@ NO_EFFECT = [
         "a generator of velocities that stops has none",
     ),
     ("controller: !Admittance {arrangement: increment, generator: position, velocity_limit: 0.9}", [], ""),
+    (
+        "controller: !Approach {law: !Pid {derivative_filter: 0.1, feed_forward_filter: 0.2}}",
+        ["controller.law.derivative_filter = 0.1", "controller.law.feed_forward_filter = 0.2"],
+        "the gain of what it filters is 0",
+    ),
+    ("controller: !Pid {derivative_gain: 0.01, derivative_filter: 0.1}", [], ""),
     ("reference: !Step {force: 0}", ["reference"], "0 N are wanted all the time"),
     ("reference: !Step {force: 0}\ncontroller: !RecursiveVrft {}", [], ""),
     ("reference: !Ramp {force: 15, rate: 5}", ["reference.force = 15"], "the ramp ends at 3 s, the run at 0.4 s"),

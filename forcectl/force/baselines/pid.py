@@ -21,6 +21,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from forcectl.errors import invalid
 from forcectl.force.law import LinearLawConfig
 from forcectl.force.linear_law import LinearForceLaw
@@ -47,6 +49,11 @@ class PidConfig(Config, LinearLawConfig, in_batches=True):
         if self.proportional_gain == self.integral_gain == self.feed_forward == 0:
             allowed = "above zero without proportional_gain and feed_forward: else the law does not press"
             raise invalid("integral_gain", self.integral_gain, allowed)
+
+    def unused(self) -> tuple[list[str], str]:
+        """Filters of what has no gain, and why."""
+        gains = {"derivative_filter": self.derivative_gain, "feed_forward_filter": self.feed_forward}
+        return [name for name, gain in gains.items() if not np.any(gain)], "the gain of what it filters is 0"
 
     def reference_model_bandwidth(self) -> float | None:
         """Pole K_I/(1 + K_P) [rad/s] of the loop around F = -dx/C_T in continuous time, without derivative."""
