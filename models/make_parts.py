@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 # 48 to 0.014 mm: for the plunger with 0.1 mm of clearance, which would jam in a coarse bore that is turned against it.
 COARSE, FINE = 24, 48
 DIGITS = 7  # metres are written to 0.1 um
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 Outline = Sequence[tuple[float, float]]  # (radius, z) of a turned part, in order
 
 BORE = 12.85e-3  # radius: 9 mm are 35 % of the inner diameter of the pipette's body
@@ -206,13 +209,40 @@ MESHES: dict[str, Callable[[], Manifold]] = {
 }
 
 
+def without_fans(vertices: Array, faces: Indices) -> Indices:
+    """Triangles (n, 3) with every flat disc around the axis cut into few: a square, and strips beside it.
+
+    Each pair of facets of two parts that touch is a point of contact, and its time grows with them. As fans around
+    their middles, the plunger's face and the floor of the bore made 317 points, and 148 so.
+    """
+    for middle in np.flatnonzero(np.hypot(*vertices[:, :2].T) == 0.0):
+        fan = (faces == middle).any(axis=1)
+        if np.ptp(vertices[faces[fan], 2]) > 0.0:
+            continue
+        following = {a: b for _, a, b in (np.roll(face, -int(np.argmax(face == middle))) for face in faces[fan])}
+        ring = [int(faces[fan].max())]
+        while (corner := following[ring[-1]]) != ring[0]:
+            ring.append(corner)
+        side = len(ring) // 4
+        a, b, c, d = ring[::side]
+        cut = [(a, b, c), (a, c, d)]
+        for start in range(0, len(ring), side):
+            first, *others = (ring * 2)[start : start + side + 1]
+            cut += [(first, *pair) for pair in pairwise(others)]
+        faces = np.vstack([faces[~fan], cut])
+    return faces
+
+
 def as_obj(solid: Manifold) -> str:
     """Vertices, rounded and sorted, and triangles as Wavefront OBJ."""
     mesh = solid.to_mesh64()
     rounded = np.round(np.asarray(mesh.vert_properties)[:, :3], DIGITS) + 0.0  # no negative zero
     vertices, index = np.unique(rounded, axis=0, return_inverse=True)
     faces = index.reshape(-1)[np.asarray(mesh.tri_verts)]
-    faces = np.array([np.roll(face, -int(np.argmin(face))) for face in faces if len(set(face.tolist())) == 3])
+    faces = without_fans(vertices, faces[[len(set(face.tolist())) == 3 for face in faces]])
+    used, index = np.unique(faces, return_inverse=True)
+    vertices, faces = vertices[used], index.reshape(-1, 3)
+    faces = np.array([np.roll(face, -int(np.argmin(face))) for face in faces])
     faces = faces[np.lexsort(faces.T[::-1])]
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
     return "\n".join(lines + [f"f {a} {b} {c}" for a, b, c in faces + 1]) + "\n"
