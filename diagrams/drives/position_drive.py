@@ -30,7 +30,7 @@ from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.joint_impedance import JointImpedanceConfig
-from forcectl.plant.drives.motors import MOTOR_PORTS, export_motion, joint_to_motor, rotor_inertia
+from forcectl.plant.drives.motors import MOTOR_PORTS, export_motion, joint_to_motor, loop_inertia, rotor_inertia
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.robot.model import RobotModel
@@ -102,7 +102,7 @@ class PositionDriveConfig(Config, in_batches=True):
         return Drive(
             rotors,
             joint_to_motor(robot),
-            servo.gains(rotors, parameters.velocity_loop_inertia),
+            servo.gains(rotors, loop_inertia(robot)),
             period=step,
             substeps=max(1, math.ceil(step / _LARGEST_DRIVE_STEP - 1e-9)),
             coulomb_friction=servo.friction_scale * parameters.coulomb_friction,

@@ -9,7 +9,8 @@ A data sheet gives limits, seldom anything of motors and gears. From the largest
     transmission damping   4 % of critical, 2 * 0.04 * sqrt(stiffness * B)
     Coulomb friction       5 % of tau, unless a joint of the model has any
     viscous friction       15 % of tau at v, unless a joint of the model has any
-    velocity loops         tuned for the rotors alone, where the rotor inertia is assumed as well
+    velocity loops         tuned for 0.7 of rotor, links and tool in the default posture, as those of the COMAU; where
+                           the rotor inertia is known, for the rotors
 
 A friction of 0 that all joints of a model have is a simulator's: a joint that nothing sticks in feels forces too well.
 
@@ -39,7 +40,7 @@ DAMPING_RATIO = 0.04
 COULOMB_SHARE, VISCOUS_SHARE = 0.05, 0.15
 ASSUMED_SET = "assumed"
 OF_MODEL = "the model's"
-ROTORS_ALONE = "the rotors alone, joint side: soft where links are heavier"
+LOOP_SHARE = 0.7
 
 
 def completed(
@@ -108,7 +109,7 @@ def completed(
     if not values:
         return parameters
     if "rotor_inertia" in assumed and not len(parameters.velocity_loop_inertia):
-        assumed["velocity_loop_inertia"] = ROTORS_ALONE
+        assumed["velocity_loop_inertia"] = f"{LOOP_SHARE:g} of rotor and all that it moves in the default posture"
     made = replace(parameters, **values)
     made.assumed = assumed
     return made

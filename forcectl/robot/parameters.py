@@ -120,7 +120,7 @@ class ControlParameters(Config):
     rotor_inertia: np.ndarray = key(_empty, "motor side; empty: assumed", unit="kg m2", bounds="from 0 to 10")
     velocity_loop_inertia: np.ndarray = key(
         _empty,
-        "what the velocity loops are tuned for, joint side, 0.01 to 1e4 times the rotors; empty: the rotors alone",
+        "what velocity loops are tuned for, joint side, 0.01 to 1e4 times the rotors; empty: the rotors, or assumed",
         unit="kg m2",
         bounds="from 1e-6 to 1e4",
     )

@@ -7,6 +7,7 @@ import pytest
 
 from forcectl.errors import BadInputError
 from forcectl.models import list_robots
+from forcectl.plant.drives.motors import loop_inertia
 from forcectl.robot.model import RobotModel
 from tests.examples.robot_folders import CONTROL, write_planar_robot
 
@@ -29,6 +30,16 @@ def test_everything_left_out_follows_the_rules(tmp_path):
         *DERIVED[2:7], "joint_stiffness", "acceleration_limit", "velocity_loop_inertia"
     }  # fmt: skip
     assert parameters.assumed["coulomb_friction"] == "5 % of the largest torque"
+
+
+@pytest.mark.parametrize("known", ["", "rotor_inertia: [1e-4, 1e-4, 1e-4]\n"])
+def test_velocity_loops_are_tuned_for_what_axes_move_unless_rotors_are_known(tmp_path, known):
+    robot = RobotModel.load(write_planar_robot(tmp_path, LITTLE + known), None)
+    context = robot.create_context()
+    robot.set_positions(context, robot.parameters.default_posture)
+    moved = 0.7 * (0.5 + np.diag(robot.mass_matrix(context)))
+    np.testing.assert_allclose(loop_inertia(robot), [] if known else moved)
+    assert ("velocity_loop_inertia" in robot.parameters.assumed) is not bool(known)
 
 
 def test_what_is_given_stays_and_is_not_called_assumed(tmp_path):

@@ -20,6 +20,7 @@ from pydrake.systems.primitives import MatrixGain, Saturation
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values
 from forcectl.framework.wiring import export_outputs, split, through
+from forcectl.robot.assumptions import LOOP_SHARE
 from forcectl.robot.model import RobotModel
 
 Matrix = NDArray[np.float64]
@@ -86,4 +87,15 @@ def joint_to_motor(robot: RobotModel) -> Matrix:
 def rotor_inertia(robot: RobotModel) -> Vector:
     """B: of each rotor at its joint, shape (n,) [kg m^2]."""
     inertia: Vector = robot.parameters.rotor_inertia * robot.parameters.gear_ratio**2
+    return inertia
+
+
+def loop_inertia(robot: RobotModel) -> Vector:
+    """What the velocity loop of each joint is tuned for, shape (n,) [kg m^2]; empty for the rotors alone."""
+    parameters = robot.parameters
+    if "velocity_loop_inertia" not in parameters.assumed:
+        return parameters.velocity_loop_inertia
+    context = robot.create_context()
+    robot.set_positions(context, parameters.default_posture)
+    inertia: Vector = LOOP_SHARE * (rotor_inertia(robot) + np.diag(robot.mass_matrix(context)))
     return inertia

@@ -248,6 +248,12 @@ class Explorer:
         self._move(q)
         return {name: arm.tcp_frame.CalcPoseInWorld(self._context) for name, arm in self.parts.arms.items()}
 
+    def inertia(self, q: Array) -> Array:
+        """Of each joint with the others at rest, without rotors and tools, (n,) [kg m2]."""
+        self._move(q)
+        inertia: Array = np.diag(self.plant.CalcMassMatrix(self._context))[self._v]
+        return inertia
+
     def explore(self, length: float) -> Found:
         """Move to random postures, the same each time.
 
@@ -259,9 +265,8 @@ class Explorer:
         reach, (gravity, inertia, leverage) = 0.0, np.zeros((3, len(low)))
         scores = np.empty((_SAMPLES, len(self.parts.arms)))
         for k, q in enumerate(postures):
-            self._move(q)
+            inertia = np.maximum(inertia, self.inertia(q))
             gravity = np.maximum(gravity, np.abs(self.plant.CalcGravityGeneralizedForces(self._context)[self._v]))
-            inertia = np.maximum(inertia, np.diag(self.plant.CalcMassMatrix(self._context))[self._v])
             leverage = np.maximum(leverage, self._leverage())
             scores[k] = self._scores(q, low, high, length)
             reach = max(reach, *(self._reach(arm) for arm in self.parts.arms.values()))

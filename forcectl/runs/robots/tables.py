@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from forcectl.robot.parameters import ControlParameters
+from forcectl.robot.assumptions import LOOP_SHARE
 from forcectl.runs.robots.proposal import Explorer
 from forcectl.runs.robots.report import RobotReport, Understood
 from forcectl.runs.terminal.listing import new_table
@@ -21,7 +21,7 @@ def print_robot(report: RobotReport, console: Console) -> None:
     title = f"{report.model.name if report.model else report.folder}"
     if report.robot is not None:
         tables = [_joints(report.robot, title), _arms(report.robot), _bodies(report.robot.explorer)]
-        for table in [*tables, *([_assumed(report.robot.parameters)] if report.robot.parameters.assumed else [])]:
+        for table in [*tables, *([_assumed(report.robot)] if report.robot.parameters.assumed else [])]:
             console.print(table)
             console.print()
     for texts, head, style in ((report.notes, "Notes", "dim"), (report.problems, "Problems", "red")):
@@ -90,12 +90,15 @@ def _bodies(explorer: Explorer) -> Table:
     return table
 
 
-def _assumed(parameters: ControlParameters) -> Table:
+def _assumed(robot: Understood) -> Table:
+    parameters = robot.parameters
     table = new_table("Assumed, because it is left out", "key", "rule", "values")
     for name, rule in parameters.assumed.items():
         value = getattr(parameters, name)
         if name == "velocity_loop_inertia":
-            value = parameters.rotor_inertia * parameters.gear_ratio**2
+            rotors = parameters.rotor_inertia * parameters.gear_ratio**2
+            value = LOOP_SHARE * (rotors + robot.explorer.inertia(robot.posture))
+            table.caption = "velocity_loop_inertia: without a tool"
         numbers = next(iter(value.values())) if isinstance(value, dict) else value
         table.add_row(name, escape(rule), ", ".join(f"{each:.3g}" for each in numbers))
     return table
