@@ -112,7 +112,7 @@ def check(
         echo_json({**report.to_dict(), "margins": [each.to_dict() for each in margins]})
     elif not quiet:
         render(report, terminal(), verbose=verbose)
-        for line in (*margins, *shown.code, *(said_of(shown.chosen) if shown.chosen else ())):
+        for line in (*margins, *shown.code, *said_of(shown)):
             typer.echo(line)
         if shown.chosen:
             say_assumed(assumed_of(shown.chosen.first))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pydrake.systems.framework import System
@@ -50,12 +50,14 @@ class Shown:
         content: the diagram or block, or a state machine.
         code: lines that say which code beside forcectl's own it names; see `forcectl.scenario.code`.
         chosen: the scenario; None of an import path.
+        signals: of the loop of every variant that was built.
     """
 
     name: str
     content: Any
     code: list[str]
     chosen: Chosen | None = None
+    signals: Mapping[str, set[str]] = field(default_factory=dict)
 
 
 def named_diagram(
@@ -83,7 +85,8 @@ def named_diagram(
     if ":" in target and not os.path.exists(target):  # no file that has a colon in its name
         return Shown(target.rpartition(":")[2], _call_for_diagram(target), said({"": target}))
     chosen = choose(target, variant, parse_settings(settings), None, fidelity, allow or (), whole=whole)
-    return Shown(chosen.file.name, chosen.diagram(), _code(chosen), chosen)
+    content, signals = chosen.looked_through()
+    return Shown(chosen.file.name, content, _code(chosen), chosen, signals)
 
 
 def named_machine(
@@ -111,10 +114,13 @@ def _code(chosen: Chosen) -> list[str]:
     return said(code_in(chosen.file) | code_in(replace(chosen.file, tree=nest(chosen.changes))))
 
 
-def said_of(chosen: Chosen) -> list[str]:
+def said_of(shown: Shown) -> list[str]:
     """Lines on the gains that an experiment finds before each run of the first variant, and on unread keys of any."""
-    keys = dict.fromkeys(f"info: {line}" for scenario in chosen.scenarios.values() for line in unread(scenario))
-    return [*gains_lines(chosen.first), *keys]
+    if shown.chosen is None:
+        return []
+    scenarios = shown.chosen.scenarios
+    lines = [f"info: {line}" for name, found in shown.signals.items() for line in unread(scenarios[name], found)]
+    return [*gains_lines(shown.chosen.first), *dict.fromkeys(lines)]
 
 
 def _call_for_diagram(path: str) -> System:

@@ -79,11 +79,14 @@ class Chosen:
         Raises:
             BadInputError: a variant cannot be built.
         """
-        diagrams = (self.build(variant).diagram for variant in self.scenarios)
-        first = next(diagrams)
-        for _ in diagrams:
-            pass
-        return first
+        return self.looked_through()[0]
+
+    def looked_through(self) -> tuple[Diagram, dict[str, set[str]]]:
+        """As `diagram`; and the signals of the loop of every variant."""
+        loops = ((variant, self.build(variant)) for variant in self.scenarios)
+        variant, first = next(loops)
+        signals = {variant: set(first.signals)} | {other: set(loop.signals) for other, loop in loops}
+        return first.diagram, signals
 
     def check_changes(self) -> None:
         """Refuse changes that would make variants the same under different names.

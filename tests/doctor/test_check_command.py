@@ -133,6 +133,15 @@ def test_variants_that_are_not_examined_must_be_such_that_they_can_be_built(tmp_
     assert fc.check("own.yaml", variant="a").ok
 
 
+def test_a_reference_that_the_controller_of_some_variant_does_not_take_is_told(forcectl, tmp_path):
+    (tmp_path / "moves.yaml").write_text(
+        "variants: {presses: {}, moves: {controller: !JointMoves {}}}\nreference: !Step {force: 5}\n"
+    )
+    code, out, _ = forcectl("check", "moves.yaml")
+    assert code == 0
+    assert out.splitlines()[-1] == "info: reference has no effect: the controller takes no desired force"
+
+
 @pytest.mark.parametrize("command", ["check", "run"])
 @pytest.mark.parametrize("further", LOOPS)
 def test_a_loop_without_a_hold_is_one_line_with_every_block_on_it(forcectl, tmp_path, monkeypatch, command, further):
