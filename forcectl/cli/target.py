@@ -16,8 +16,8 @@ from forcectl.framework.wiring import made_by
 from forcectl.framework.yaml_tree import nest, parse
 from forcectl.inspect.names import said_type
 from forcectl.runs.chosen import Chosen, choose
+from forcectl.scenario.checks.unread import unread
 from forcectl.scenario.code import code_in, said
-from forcectl.scenario.effects import unread
 from forcectl.scenario.error_keys import located
 from forcectl.scenario.gains import gains_lines
 from forcectl.tasks.machine.chart import MachineChart

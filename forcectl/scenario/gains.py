@@ -16,7 +16,7 @@ from forcectl.errors import BadInputError, one_line, show
 from forcectl.framework.reader import join
 from forcectl.framework.yaml_tree import Tagged, Tree, dump
 from forcectl.scenario.catalog import IMPORT
-from forcectl.scenario.effects import parts_within
+from forcectl.scenario.checks.values import parts_within
 from forcectl.scenario.trees import tree_of_fields
 
 if TYPE_CHECKING:

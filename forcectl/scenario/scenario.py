@@ -31,15 +31,18 @@ from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
+from forcectl.scenario.checks.judged import check_judged
+from forcectl.scenario.checks.times import LONGEST_DURATION
+from forcectl.scenario.checks.together import check_built, check_together
+from forcectl.scenario.checks.unread import unread
+from forcectl.scenario.checks.values import preset_tree
 from forcectl.scenario.code import check_imports
-from forcectl.scenario.effects import check_judged, preset_tree, unread
 from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation, Judged, judged_metrics
 from forcectl.scenario.gains import identifications
 from forcectl.scenario.layers import ONLY_VARIANT, Layers, check_order, leave_out, locate_files, select_variants
 from forcectl.scenario.probes import probes_of
 from forcectl.scenario.schema import ScenarioReader
-from forcectl.scenario.together import LONGEST_DURATION, check_built, check_together
 from forcectl.scenario.trees import to_tree, tree_of_fields
 from forcectl.scenario.user_settings import user_settings
 

@@ -32,7 +32,7 @@ from forcectl.framework.fields import PHYSICAL, key_of
 from forcectl.framework.yaml_tree import Tagged, dump, equal
 from forcectl.runs.chosen import overlap
 from forcectl.scenario.catalog import ScenarioFile
-from forcectl.scenario.effects import values
+from forcectl.scenario.checks.values import values
 from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve
 from forcectl.scenario.trees import part_tree, to_tree

@@ -1,0 +1,168 @@
+"""Forces of a scenario beside each other, the sensor's range, the way to them, and what the motors hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from forcectl.errors import BadInputError, about, invalid
+from forcectl.framework.fields import default_of, key_of
+from forcectl.framework.reader import join
+from forcectl.motion.loads import loaded_frames
+from forcectl.scenario.checks.surfaces import where
+from forcectl.scenario.checks.values import configs, own_values, values
+
+if TYPE_CHECKING:
+    from forcectl.diagrams.loop import Loop
+    from forcectl.diagrams.workcell import Contact
+    from forcectl.scenario.scenario import Scenario
+
+_RATES = (
+    "integral_gain",
+    "observer_bandwidth",
+    "adaptation_rate",
+    "reference_bandwidth",
+)  # of a law, with which its command changes
+_FAR = 10.0  # times the torque of a motor
+_LEAST_SHARE = 0.1  # of the desired force, that a governor may keep it below; less is a slip of the unit
+_DEEPEST = 0.3  # [m] into the surface; most laws stop at 0.1, which is a finding of the run
+_LEAST_WAY = 0.01  # of the way to the desired force, that a command may go; less is a slip of the unit
+
+
+def check_forces(scenario: Scenario, period: float) -> None:
+    """Forces of a scenario whose controller takes a desired force, and its laws at this tick [s]."""
+    ranges = [sensor.range for sensor in scenario.station.sensors.values() if hasattr(sensor, "range")]
+    limit, largest = min(ranges, default=np.inf), scenario.reference.largest_force()
+    if not 0 <= largest < np.inf:
+        text = f"largest_force must return a finite force that is not negative, not {largest:g} N"
+        raise BadInputError(text, key="reference")
+    first = getattr(scenario.reference, "initial_force", 0.0)
+    if first > limit:
+        raise invalid("reference.initial_force", first, f"at most the sensor's range, {limit:g} N")
+    if hasattr(scenario.reference, "check_effect"):
+        with about(scenario.reference):
+            scenario.reference.check_effect()
+    for name, sensor in scenario.station.sensors.items():
+        errors = ("noise_std", "quantum") if getattr(sensor, "tare", False) else ("noise_std", "quantum", "bias")
+        for key in errors if hasattr(sensor, "range") else ():
+            if abs(value := getattr(sensor, key, 0.0)) > largest > 0:
+                allowed = f"at most the largest desired force, {largest:g} N"
+                raise invalid(f"station.sensors.{name}.{key}", value, allowed)
+    learns = getattr(scenario.controller, "minimum_force", 0.0)
+    if learns >= limit:
+        raise invalid("controller.minimum_force", learns, f"below the sensor's range, {limit:g} N")
+    for key, law in configs(scenario.controller, "controller"):
+        for name in ("dead_zone", "rest_region"):
+            least = getattr(law, name, 0.0)
+            if least and least >= largest > 0:
+                raise invalid(f"{key}.{name}", least, f"below the largest desired force, {largest:g} N")
+        _check_rate(key, law, period)
+    _check_reach(scenario)
+    threshold = getattr(scenario.controller, "threshold", 0.0)
+    if threshold >= limit:
+        raise invalid("controller.threshold", threshold, f"below the sensor's range, {limit:g} N")
+    if threshold >= 2 * largest > 0:
+        allowed = f"below {2 * largest:g} N: below half of it there is no contact, and the largest desired force is"
+        raise invalid("controller.threshold", threshold, f"{allowed} {largest:g} N")
+    maximum = None if scenario.guard is None else scenario.guard.maximum_force
+    if maximum is not None and not largest < maximum <= limit:
+        allowed = f"above the largest desired force, {largest:g} N, and at most the sensor's range, {limit:g} N"
+        raise invalid("guard.maximum_force", maximum, allowed)
+    for name in ("threshold", "minimum_force"):
+        least = getattr(scenario.controller, name, 0.0)
+        if maximum is not None and least >= maximum:
+            raise invalid(
+                f"controller.{name}", least, f"below guard.maximum_force = {maximum:g} N: no force gets there"
+            )
+    for key, field, value in values(scenario.controller, "controller", "N"):
+        if field.name == "minimum_force" and value >= largest > 0 and value != default_of(field):
+            raise invalid(key, value, f"below the largest desired force, {largest:g} N")
+        if field.name == "upper_limit" and value < largest:
+            allowed = f"at least the largest desired force, {largest:g} N: upper_force is what keeps below it"
+            raise invalid(key, value, allowed)
+        if field.name == "upper_force" and value < (least := _LEAST_SHARE * largest):
+            raise invalid(key, value, f"at least {least:g} N, a tenth of the largest desired force")
+    stated = scenario.findings.largest_force
+    most = scenario.limits()["contact_force"]
+    if stated is not None and not largest <= stated <= most:
+        allowed = (
+            f"at least the largest desired force, {largest:g} N, and at most {most:g} N, at which a run is stopped"
+        )
+        raise invalid("findings.largest_force", stated, allowed)
+
+
+def check_held(scenario: Scenario, loop: Loop) -> None:
+    """Loads at the start are not far beyond what the motors hold: that would be a slip of the unit, and no push."""
+    robot, start = loop.workcell.robot, loop.workcell.start
+    for i, load in enumerate(scenario.station.loads):
+        for k, wrench in enumerate(getattr(load, "wrenches", ())):
+            own = robot.for_arm(load.arm) if load.arm else robot
+            frame = loaded_frames([load], robot)[load.body] if load.body else own.tcp_frame
+            J = robot.jacobian_of(robot.context_at(start), frame)
+            if not J.any():
+                raise invalid(f"station.loads.{i}.body", load.body, "a body that the joints move")
+            torque = J.T @ wrench
+            robot.check_torque(f"station.loads.{i}.wrenches.{k}", wrench, torque, factor=_FAR)
+
+
+def _check_rate(key: str, law: Any, period: float) -> None:
+    """In a tick a law goes less than twice as far as it is away: its loop would not settle."""
+    for name, field, value in own_values(law, key, "1/s", "rad/s"):
+        if field.name in _RATES and value * period >= 2:
+            allowed = f"below {2 / period:g} {key_of(field).unit}, two over the control tick of {period:g} s"
+            raise invalid(name, value, allowed)
+
+
+def _check_reach(scenario: Scenario) -> None:
+    """A level surface at rest is reached from the start, by a tool that nothing else moves."""
+    surface: Any = getattr(scenario.station.environment, "surface", None)
+    controller = scenario.controller
+    gap = getattr(surface, "gap", 0.0)
+    if not gap or not surface.even or surface.slope or scenario.motion.interval() is not None:
+        return
+    if hasattr(controller, "touch_speed"):
+        if controller.timeout < (least := controller.time_for(gap)):
+            allowed = f"at least {least:.4g} s, which speed takes for surface.gap = {gap:g} m"
+            raise invalid("controller.timeout", controller.timeout, allowed)
+        return
+    for key, field, value in own_values(controller, "controller", "m"):
+        if field.name == "lower_limit" and -value <= gap:
+            raise invalid(key, value, f"below -{gap:g} m, where the surface is")
+
+
+def check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
+    """The largest desired force has its way into the softest material within the limit of the command.
+
+    A limit that is nearer than `_DEEPEST` is one on purpose. Of several laws the deepest limit counts.
+    """
+    every = list(values(scenario.controller, "controller", "m"))
+    limits = [-value for _, field, value in every if field.name == "lower_limit"]
+    largest = scenario.reference.largest_force()
+    if not limits or largest <= 0:
+        return
+    limit = max(_DEEPEST, *limits)
+    compliance = max(
+        (float(contact.robot_compliance + contact.environment_compliance) for contact in contacts), default=0
+    )
+    if max(limits) < (least := _LEAST_WAY * largest * compliance):
+        key, value = next((key, value) for key, field, value in every if field.name == "lower_limit")
+        allowed = f"at most {-least:.2g} m, a hundredth of the way to the largest desired force, {largest:g} N"
+        raise invalid(key, value, allowed)
+    guarded = hasattr(scenario.controller, "touch_speed")  # its law begins at the surface
+    for contact in contacts:
+        environment = contact.environment
+        if not hasattr(environment, "first_stiffness"):
+            continue
+        named = environment.stiffnesses() if hasattr(environment, "stiffnesses") else {}
+        key, softest = min(named.items(), key=lambda each: each[1], default=("stiffness", environment.first_stiffness))
+        room = limit - (0.0 if guarded else contact.gap) - largest * contact.robot_compliance
+        if room <= 0:
+            way = f"{largest * contact.robot_compliance:.3g} m at the largest desired force, {largest:g} N"
+            allowed = f"within {limit:g} m of the command; is joint_stiffness in Nm/rad, and what is long in m?"
+            blamed = "robot" if scenario.station.stiffness_scale == 1 else "stiffness_scale"
+            raise BadInputError(f" lets the robot give way by {way}: must be {allowed}", key=f"station.{blamed}")
+        if largest > softest * room:
+            allowed = f"at least {largest / room:.4g} N/m: {largest:g} N are farther in than a command of {limit:g} m"
+            raise invalid(join(where(scenario, environment), key), softest, allowed)
