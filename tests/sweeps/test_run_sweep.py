@@ -157,7 +157,8 @@ class Crash(IntegralConfig):
 
 @pytest.mark.slow
 def test_a_trial_that_kills_its_process_is_lost_and_the_others_are_not(tmp_path, warm, monkeypatch):
-    monkeypatch.setattr("forcectl.sweeps.study.build", lambda *_: None)  # which would end this process
+    loop = fc.build("fig_2_7", variant="K_I = 1.5 1/s", fidelity="OneDimensional")
+    monkeypatch.setattr("forcectl.sweeps.study.build", lambda *_: loop)  # that of the arm would end this process
     sweep = small(keys={STIFFNESS: [1e3]}, arms={"good": {GAIN: 1.0}, "bad": {"controller": Crash()}})
     result = fc.sweep(sweep, out=tmp_path / "out", workers=1, report=False)
     assert list(result.table["state"]) == ["done", "lost"]

@@ -95,8 +95,8 @@ class JointLimitConfig(Config):
                     f" has {len(given)} values: must have {len(own)}, one per joint", key=f"limits.{name}"
                 )
             chosen[name] = np.array(given, dtype=float) if given else own
-            beyond = chosen[name] - own if name == "position_upper" else own - chosen[name]
-            if name.startswith("position") and (beyond > _TURN).any():
+            beyond = chosen[name] > own + _TURN if name == "position_upper" else chosen[name] < own - _TURN
+            if name.startswith("position") and beyond.any():
                 allowed = f"within a turn of the robot's, {np.round(own, 3).tolist()} rad"
                 raise invalid(f"limits.{name}", given, allowed)
         return JointLimits(**chosen)
