@@ -43,6 +43,17 @@ OF_MODEL = "the model's"
 LOOP_SHARE = 0.7
 
 
+def assumed_loop_inertia(parameters: ControlParameters, moved: Array) -> Array:
+    """What velocity loops are tuned for where that is assumed, shape (n,) [kg m^2].
+
+    Args:
+        parameters: completed.
+        moved: inertia of what each joint moves beside its rotor, shape (n,) [kg m^2].
+    """
+    inertia: Array = LOOP_SHARE * (parameters.rotor_inertia * parameters.gear_ratio**2 + moved)
+    return inertia
+
+
 def completed(
     parameters: ControlParameters,
     velocity: Array,

@@ -32,6 +32,7 @@ from forcectl.framework.fields import PHYSICAL, key_of
 from forcectl.framework.yaml_tree import Tagged, dump, equal
 from forcectl.runs.chosen import overlap
 from forcectl.scenario.catalog import ScenarioFile
+from forcectl.scenario.checks.judged import metric_parts
 from forcectl.scenario.checks.values import values
 from forcectl.scenario.layers import select_variants
 from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve
@@ -311,10 +312,8 @@ def _check_surfaces(config: SweepConfig, surfaces: Sequence[str]) -> None:
     if any(overlap(key, "station.environment") for key in varied):
         return
     for key, name in _asked(config):
-        *front, last = name.split(".")
-        if front and front[-1].startswith("step_"):
-            front.pop()
-        if last in METRICS and ".".join(front) not in surfaces:
+        front, _, last = metric_parts(name)
+        if last in METRICS and front not in surfaces:
             own = ", ".join(each for each in surfaces if each)
             raise BadInputError(
                 f" asks for {name}: must be {f'of one of {own}' if own else f'{last}, of the one surface'}", key=key

@@ -20,7 +20,7 @@ from pydrake.systems.primitives import MatrixGain, Saturation
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values
 from forcectl.framework.wiring import export_outputs, split, through
-from forcectl.robot.assumptions import LOOP_SHARE
+from forcectl.robot.assumptions import assumed_loop_inertia
 from forcectl.robot.model import RobotModel
 
 Matrix = NDArray[np.float64]
@@ -97,5 +97,4 @@ def loop_inertia(robot: RobotModel) -> Vector:
         return parameters.velocity_loop_inertia
     context = robot.create_context()
     robot.set_positions(context, parameters.default_posture)
-    inertia: Vector = LOOP_SHARE * (rotor_inertia(robot) + np.diag(robot.mass_matrix(context)))
-    return inertia
+    return assumed_loop_inertia(parameters, np.diag(robot.mass_matrix(context)))

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from forcectl.robot.assumptions import LOOP_SHARE
+from forcectl.robot.assumptions import assumed_loop_inertia
 from forcectl.runs.robots.proposal import Explorer
 from forcectl.runs.robots.report import RobotReport, Understood
 from forcectl.runs.terminal.listing import new_table
@@ -96,8 +96,7 @@ def _assumed(robot: Understood) -> Table:
     for name, rule in parameters.assumed.items():
         value = getattr(parameters, name)
         if name == "velocity_loop_inertia":
-            rotors = parameters.rotor_inertia * parameters.gear_ratio**2
-            value = LOOP_SHARE * (rotors + robot.explorer.inertia(robot.posture))
+            value = assumed_loop_inertia(parameters, robot.explorer.inertia(robot.posture))
             table.caption = "velocity_loop_inertia: without a tool"
         numbers = next(iter(value.values())) if isinstance(value, dict) else value
         table.add_row(name, escape(rule), ", ".join(f"{each:.3g}" for each in numbers))

@@ -25,8 +25,13 @@ if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
     from forcectl.scenario.scenario import Scenario
 
-# A metric: arm, joint, mode or surface; number of a step; its own name.
 _PARTS = re.compile(r"(?:(?!step_\d)(.+?)\.)?(?:step_(\d+)\.)?([^.]+)")
+
+
+def metric_parts(name: str) -> tuple[str, int | None, str]:
+    """Of a metric: arm, joint, mode or surface, "" for none; number of a step, None for none; its own name."""
+    front, number, last = _PARTS.fullmatch(name).groups()  # type: ignore[union-attr]
+    return front or "", None if number is None else int(number), last
 
 
 def check_judged(scenario: Scenario, loop: Loop) -> None:
@@ -46,7 +51,7 @@ def check_judged(scenario: Scenario, loop: Loop) -> None:
     surfaces = [contact.name for contact in loop.workcell.contacts]
     fronts, steps = surfaces if len(surfaces) > 1 else [""], getattr(scenario.reference, "number_of_steps", None)
     for key, name in scenario.judged if scenario.as_written else ():
-        front, number, last = _PARTS.fullmatch(name).groups()  # type: ignore[union-attr]
+        front, number, last = metric_parts(name)
         makers = analyses_of(name)
         if makers and not tags.intersection(makers):
             raise invalid(key, name, f"left out, or go with an analysis !{' or !'.join(makers)}")
@@ -56,7 +61,7 @@ def check_judged(scenario: Scenario, loop: Loop) -> None:
             continue
         if "desired_force" not in loop.signals:
             raise invalid(key, name, "left out: nothing takes a desired force")
-        if (front or "") not in fronts:
+        if front not in fronts:
             raise invalid(key, name, f"of one of {', '.join(surfaces)}" if fronts[0] else f"{last}, of the one surface")
         if last in MOTION_METRICS and scenario.motion.interval() is None:
             raise invalid(key, name, "left out without a motion along the surface")
@@ -64,7 +69,7 @@ def check_judged(scenario: Scenario, loop: Loop) -> None:
             raise invalid(key, name, "left out: no controller is tuned in the run")
         if steps is not None and last in TRACKING_METRICS:
             raise invalid(key, name, "left out: the reference moves in steps only")
-        if steps is not None and number and (int(number) > steps or steps == 1):
+        if steps is not None and number is not None and (number > steps or steps == 1):
             counted = f"step_1 to step_{steps}" if steps > 1 else "named without a step: there is one"
             raise invalid(key, name, f"of the reference, {counted}")
         _check_within_reach(scenario, key, name)
