@@ -144,6 +144,7 @@ class _FaultyPort:
                 raise invalid(f"faults[{name!r}].index", fault.index, f"0 ... {self._source.size() - 1}")
         self._at_work: dict[int, Callable[[], Change]] = {}
         self._changes: list[tuple[slice, Change]] = []
+        self.always_finite = True  # what the readers got so far
 
     @property
     def has_begun(self) -> bool:
@@ -176,6 +177,7 @@ class _FaultyPort:
         value = self._value(context, sound).copy()
         for part, change in self._changes:
             value[part] = change(value[part])
+        self.always_finite &= bool(np.isfinite(value).all())
         for reader in self._readers:
             reader.FixValue(reader.get_system().GetMyContextFromRoot(context), value)
 
@@ -238,6 +240,11 @@ class FaultyPorts:
     def has_begun(self) -> bool:
         """Whether any fault has begun."""
         return any(port.has_begun for port in self._ports)
+
+    @property
+    def always_finite(self) -> bool:
+        """Whether all that the readers got so far were numbers."""
+        return all(port.always_finite for port in self._ports)
 
     def begin_tick(self, context: Context) -> Context:
         """What the run goes on with from this tick on: the same context, or another one where faults begin or end."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, InitializeParams, Simulator, SimulatorConfig
-from pydrake.systems.framework import Context, InputPort, OutputPort, System
+from pydrake.systems.framework import Context, EventStatus, InputPort, OutputPort, System
 
 from forcectl.errors import BadInputError, RunFailedError, invalid, unknown
 from forcectl.framework.wiring import optional_inputs
@@ -107,10 +107,12 @@ def run_diagram(
     steps = round(duration / period)
     time = np.array(instants(start, period, steps + 1))
     values: dict[str, list[Array]] = {name: [] for name in (*ports, *["energy"] * energy)}
+    fed = [port for port in vector_inputs(system).values() if port.HasValue(own)]
+    finite = True
     with _in_words(lambda: simulator.get_context().get_time()):
         for k in range(steps + 1):
             if k > 0:  # AdvanceTo the time it is at would already carry out the updates of this instant
-                simulator.AdvanceTo(time[k])
+                _advance(simulator, system, time[k], wary=not finite)
             for port, function in fixed:
                 for each in (context, faulty.sound) if faulty else (context,):
                     port.FixValue(each, _vector(port, function(float(time[k]))))
@@ -120,14 +122,12 @@ def run_diagram(
                 values[name].append(output.Eval(output.get_system().GetMyContextFromRoot(context)).copy())
             if energy:
                 values["energy"].append(np.array([_energy(bodies, context)]))
+            finite = finite and all(np.isfinite(port.Eval(context)).all() for port in fed)
             if faulty and faulty.has_begun and k < steps:
-                integrator = simulator.get_mutable_integrator()
-                integrator.set_fixed_step_mode(True)
-                simulator.AdvancePendingEvents()
+                _carry_out_events(simulator)
                 faulty.apply(context)  # for the blocks that read between the ticks: what comes after the updates
-                # Where the derivatives are no numbers no step would be small enough for the control of errors.
-                finite = np.isfinite(system.EvalTimeDerivatives(context).CopyToVector()).all()
-                integrator.set_fixed_step_mode(not finite)
+                finite = finite and faulty.always_finite
+            finite = finite and _has_finite_rates(system, context)
     if context is not own:
         own.SetTimeStateAndParametersFrom(context)
     units = _units(system, ports) | ({"energy": "J"} if energy else {})
@@ -153,6 +153,37 @@ def _simulator(system: System, context: Context, period: float, accuracy: float,
     # A context that has already run must not go through the initialisation events once more.
     simulator.Initialize(InitializeParams(suppress_initialization_events=begun))
     return simulator
+
+
+def _has_finite_rates(system: System, context: Context) -> bool:
+    return bool(np.isfinite(system.EvalTimeDerivatives(context).CopyToVector()).all())
+
+
+def _carry_out_events(simulator: Simulator) -> None:
+    """Those of this instant; the step of length zero that is part of it would not end with NaN either."""
+    integrator = simulator.get_mutable_integrator()
+    integrator.set_fixed_step_mode(True)
+    simulator.AdvancePendingEvents()
+    integrator.set_fixed_step_mode(False)
+
+
+def _advance(simulator: Simulator, system: System, time: float, *, wary: bool) -> None:
+    """Advance to `time` [s]; where NaN may be inside, step by step.
+
+    A step whose rates are NaN is taken without control of errors: Drake would look for a small enough one for ever.
+    """
+    if not wary:
+        simulator.AdvanceTo(time)
+        return
+    simulator.set_monitor(lambda context: EventStatus.ReachedTermination(None, "one step"))
+    try:
+        while simulator.get_context().get_time() < time:
+            _carry_out_events(simulator)
+            finite = _has_finite_rates(system, simulator.get_context())
+            simulator.get_mutable_integrator().set_fixed_step_mode(not finite)
+            simulator.AdvanceTo(time)
+    finally:
+        simulator.clear_monitor()
 
 
 def _energy(blocks: Sequence[System], context: Context) -> float:

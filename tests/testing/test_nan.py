@@ -1,12 +1,15 @@
 """NaN at an input that comes out: which input, which output, when."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from pydrake.systems.framework import LeafSystem
-from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, LinearSystem
+from pydrake.examples import AcrobotPlant
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator, LinearSystem, ZeroOrderHold
 
 from forcectl.errors import BadInputError
-from forcectl.testing import assert_passes_no_nan
+from forcectl.testing import NotANumber, assert_passes_no_nan, run_diagram
 
 
 class Guard(LeafSystem):
@@ -87,3 +90,42 @@ def test_without_inputs_there_is_nothing_to_try():
 def test_plain_arithmetic_passes_nan_on(system):
     with pytest.raises(AssertionError, match="passes NaN on silently"):
         assert_passes_no_nan(system, duration=0.1, period=0.1)
+
+
+def held(*periods):
+    builder = DiagramBuilder()
+    plant = LinearSystem([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    blocks = [builder.AddSystem(block) for block in (*[ZeroOrderHold(period, 1) for period in periods], plant)]
+    for one, following in pairwise(blocks):
+        builder.Connect(one.get_output_port(), following.get_input_port())
+    builder.ExportInput(blocks[0].get_input_port(), "command")
+    builder.ExportOutput(plant.get_output_port(), "position")
+    return builder.Build()
+
+
+@pytest.mark.parametrize("periods", [(), (0.01,), (0.002, 0.002), (0.01, 0.03)])
+def test_a_nan_that_reaches_a_continuous_state_does_not_hang(periods):
+    with pytest.raises(AssertionError, match=r"'command' from t = 0\.1 s comes out of 'position' at t = 0\.1"):
+        assert_passes_no_nan(held(*periods), duration=0.2, period=0.01)
+
+
+def test_a_continuous_plant_of_drake_with_nan():
+    with pytest.raises(AssertionError, match=r"comes out of 'acrobot_state' at t = 0\.11 s"):
+        assert_passes_no_nan(AcrobotPlant(), duration=0.2, period=0.01)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.002])
+def test_one_nan_that_holds_pass_on_later(period):
+    inputs = {"command": lambda t: np.nan if abs(t - 0.05) < 1e-6 else 1.0}
+    assert np.isnan(run_diagram(held(period, period), 0.1, period=0.01, inputs=inputs)["position"][7:]).all()
+    faults = {"ZeroOrderHold 1.u": NotANumber(start=0.05, duration=0.01)}
+    assert np.isnan(run_diagram(held(period, period), 0.1, period=0.01, faults=faults)["position"][7:]).all()
+
+
+def test_a_block_whose_output_is_nan_from_the_start():
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource([np.nan]))
+    integrator = builder.AddSystem(Integrator(1))
+    builder.Connect(source.get_output_port(), integrator.get_input_port())
+    builder.ExportOutput(integrator.get_output_port(), "y")
+    assert np.isnan(run_diagram(builder.Build(), 0.1, period=0.01)["y"][1:]).all()
