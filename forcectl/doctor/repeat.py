@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import System
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import Context, System
 
 from forcectl.doctor.report import Finding, warning
 from forcectl.inspect.events import Timing
 from forcectl.inspect.start import FAILURES, StartValues
-from forcectl.inspect.wiring import PortAddress, is_python_block, is_vector
+from forcectl.inspect.wiring import PortAddress, Wiring, is_python_block, is_vector
 
 _SAMPLES = 4
+_PERIOD = 0.01  # [s], of the samples where a block has no period of its own
 _PLAIN = (bool, int, float, complex, str, list, tuple, dict, set, np.ndarray, np.generic)  # types that are compared
 
 
@@ -26,10 +28,10 @@ def not_repeatable(values: StartValues, timing: Timing) -> Iterator[Finding]:
     for path, system in values.wiring.leaves():
         if not is_python_block(system) or path in timing.failures:
             continue
-        outputs = [output for output in values.wiring.outputs(path) if is_vector(values.wiring.port(output))]
+        outputs = values.wiring.outputs(path)
         ticks = [(event.offset, event.period) for event in timing.events if event.block == path]
-        offset, period = max(ticks, key=lambda tick: tick[1], default=(0.0, 0.0))
-        times = [offset + k * period for k in range(1, _SAMPLES + 1)] if period else []
+        offset, period = max(ticks, key=lambda tick: tick[1], default=(0.0, _PERIOD))
+        times = [offset + k * period for k in range(1, _SAMPLES + 1)]
         for more in (1.0, 0.0):
             try:
                 before = _attributes(system)
@@ -52,26 +54,37 @@ def not_repeatable(values: StartValues, timing: Timing) -> Iterator[Finding]:
 
 def _run(
     values: StartValues, path: str, outputs: list[PortAddress], times: list[float], more: float
-) -> list[list[bytes]]:
-    """The bits of each output at the start, or at the times of a run."""
+) -> list[list[str]]:
+    """What each output shows at the times of a run."""
     system, context = values.wiring.systems[path], values.block_context(path)
     for address in values.wiring.inputs(path) if more else ():
         port = values.wiring.port(address)
         if is_vector(port) and port.HasValue(context):
             port.FixValue(context, port.Eval(context) + more)
-    ports = [values.wiring.port(output) for output in outputs]
-    if not times:
-        return [[port.Eval(context).tobytes()] for port in ports]
     simulator = Simulator(system, context)
+    # Control of errors would not end where a rate is NaN.
+    config = SimulatorConfig(integration_scheme="explicit_euler", max_step_size=times[1] - times[0])
+    ApplySimulatorConfig(config, simulator)
     simulator.Initialize()
-    found: list[list[bytes]] = [[] for _ in ports]
+    found: list[list[str]] = [[] for _ in outputs]
     for time in times:
         simulator.AdvanceTo(time)
-        for bits, port in zip(found, ports, strict=True):
-            bits.append(port.Eval(context).tobytes())
+        for shown, output in zip(found, outputs, strict=True):
+            shown.append(_shown(values.wiring, output, context))
     return found
+
+
+def _shown(wiring: Wiring, output: PortAddress, context: Context) -> str:
+    """The bits of a vector, or what a value of plain type shows; nothing of other values."""
+    port = wiring.port(output)
+    value = port.Eval(context)
+    return value.tobytes().hex() if is_vector(port) else _plain(value)
+
+
+def _plain(value: object) -> str:
+    return re.sub(r" at 0x[0-9a-f]+", "", repr(value)) if isinstance(value, _PLAIN) else ""
 
 
 def _attributes(system: System) -> dict[str, str]:
     """What the attributes of a block show, those of plain types only."""
-    return {name: repr(value) for name, value in vars(system).items() if isinstance(value, _PLAIN)}
+    return {name: _plain(value) for name, value in vars(system).items()}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pydrake.common.value import Value
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
@@ -53,6 +54,36 @@ class Counting(LeafSystem):
         output.SetFromVector([self.calls])
 
 
+class Ticking(LeafSystem):
+    """Counts in one of the ways that need no periodic event, and shows the count."""
+
+    def __init__(self, way):
+        super().__init__()
+        self.calls, self.way = 0, way
+        if way == "step":
+            self.DeclarePerStepPublishEvent(self._count)
+        elif way == "initialisation":
+            self.DeclareInitializationPublishEvent(self._count)
+        elif way == "derivative":
+            self.DeclareStateOutputPort("y", self.DeclareContinuousState(1))
+            return
+        if way == "message":
+            self.DeclareAbstractOutputPort("y", lambda: Value({}), self._show)
+        else:
+            self.DeclareVectorOutputPort("y", 1, lambda context, output: output.SetFromVector([self.calls]))
+
+    def _count(self, context):
+        self.calls += 1
+
+    def _show(self, context, output):
+        self.calls += 1
+        output.set_value({"calls": self.calls})
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        self.calls += 1
+        derivatives.SetFromVector([self.calls])
+
+
 def found_in(block):
     """What is found in a diagram in which no force is measured at the start."""
     builder = DiagramBuilder()
@@ -70,6 +101,10 @@ def found_in(block):
         (Remembering(), ("different command", "(attributes that changed: total)")),
         (Random(), ("different command",)),
         (Counting(), ("different y", "changed: calls)")),
+        *[
+            (Ticking(way), ("different y", "changed: calls)"))
+            for way in ("step", "initialisation", "derivative", "message")
+        ],
     ],
 )
 def test_memory_outside_of_the_context_and_random_numbers_are_found(block, words):
@@ -104,3 +139,25 @@ def test_a_block_that_refuses_another_input_is_run_with_the_one_at_the_start():
             return self.total
 
     assert len(found_in(Strict())) == 1
+
+
+def test_values_that_are_new_objects_each_time_are_no_memory():
+    class Listing(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.DeclareAbstractOutputPort("y", lambda: Value([]), lambda context, out: out.set_value([object()]))
+
+    assert not found_in(Listing())
+
+
+def test_rates_that_are_no_numbers_end():
+    class Broken(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.DeclareStateOutputPort("y", self.DeclareContinuousState(1))
+            self.DeclarePeriodicPublishEvent(0.1, 0.0, lambda context: None)
+
+        def DoCalcTimeDerivatives(self, context, derivatives):
+            derivatives.SetFromVector([np.nan])
+
+    assert not found_in(Broken())
