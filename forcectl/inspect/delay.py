@@ -27,7 +27,7 @@ class DelayRow:
     block: str
     input: str
     output: str
-    kind: str  # "feedthrough", "continuous", "discrete", "unrestricted" or "fixed"
+    kind: str  # "feedthrough", "continuous", "discrete", "unrestricted", "aperiodic" or "fixed"
     samples: int  # samples of the block's own period between input and output
     delay: float  # [s], as the next reader on the way sees it
     basis: str  # where `samples` comes from: "structure", "declared", "measured" or "assumed"
@@ -75,7 +75,7 @@ def ends_of_way(hops: Hops, source: PortName, target: PortName) -> tuple[Start, 
         return Start(name, inputs, None), end
     for origin in _same_instant(hops.wiring, output):
         readers = hops.readers.get(origin, [])
-        if origin == end or hops.shortest(readers, end) is not None:
+        if origin == output == end or hops.shortest(readers, end) is not None:
             return Start(name, readers, origin if origin.system else None), end
     return Start(name, hops.readers.get(output, []), output), end
 

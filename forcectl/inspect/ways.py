@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from pydrake.systems.primitives import Demultiplexer
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from forcectl.inspect.events import PeriodicEvent
 from forcectl.inspect.wiring import PortAddress, Wiring
@@ -21,7 +21,9 @@ class Hop:
 
     input: PortAddress
     output: PortAddress
-    kind: str  # "feedthrough", "fixed" (declared delay without a sample), "continuous", "discrete", "unrestricted"
+    # "feedthrough", "fixed" (declared delay without a sample), "continuous", "discrete", "unrestricted", "aperiodic":
+    # its state changes at every step of the simulator, or when something happens.
+    kind: str
     event: PeriodicEvent | None = None  # of a sampled block
 
     @property
@@ -52,7 +54,7 @@ class Hops:
 
         An input of a block with state may reach all of them.
         """
-        update = self.updates.get(reader.system)
+        update, system = self.updates.get(reader.system), self.wiring.systems[reader.system]
         hops = []
         for output in self.wiring.outputs(reader.system):
             if output not in self.readers and output != target:
@@ -63,8 +65,10 @@ class Hops:
                 hops.append(Hop(reader, output, update.kind, update))
             elif self.declared(reader, output) is not None:
                 hops.append(Hop(reader, output, "fixed"))
-            elif self.wiring.systems[reader.system].num_continuous_states():
+            elif system.num_continuous_states():
                 hops.append(Hop(reader, output, "continuous"))
+            elif system.num_discrete_state_groups() or system.num_abstract_states():
+                hops.append(Hop(reader, output, "aperiodic"))
         return hops
 
     def declared(self, reader: PortAddress, output: PortAddress) -> float | None:
@@ -89,6 +93,8 @@ class Hops:
                     continue
                 for hop in self.through(reader, target):
                     beyond = self._elements(hop, elements)
+                    if beyond == range(0) and not any(self._excludes(each) for each in (*trail, hop)):
+                        continue  # other elements of a vector, by Drake's own blocks alone
                     cost = (excluded + (beyond == range(0)), delay + self._cost(hop), len(trail) + 1, next(order))
                     heapq.heappush(heap, (*cost, beyond or None, [*trail, hop]))
 
@@ -115,9 +121,17 @@ class Hops:
             sizes = system.get_output_ports_sizes()
             first, size = sum(sizes[: hop.output.index]), sizes[hop.output.index]
             return range(max(elements.start - first, 0), min(elements.stop - first, size))
+        if isinstance(system, Multiplexer):
+            first = sum(self.wiring.port(port).size() for port in self.wiring.inputs(hop.block)[: hop.input.index])
+            own = range(self.wiring.port(hop.input).size()) if elements is None else elements
+            return range(first + own.start, first + own.stop)
         names = tuple(self.wiring.port(port).get_name() for port in (hop.input, hop.output))
         passed: dict[tuple[str, ...], range] = getattr(system, "passed_elements", {})
         return passed.get(names)
+
+    def _excludes(self, hop: Hop) -> bool:
+        """Whether the block says of elements that they follow an input in a fault only."""
+        return bool(getattr(self.wiring.systems[hop.block], "passed_elements", {}))
 
     def _cost(self, hop: Hop) -> float:
         declared = self.declared(hop.input, hop.output)
