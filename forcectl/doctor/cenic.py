@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from forcectl.doctor.report import Finding, error
 from forcectl.errors import unknown
 from forcectl.inspect.start import FAILURES, StartValues
-from forcectl.inspect.wiring import PortAddress, Wiring
+from forcectl.inspect.wiring import PortAddress, Wiring, context_of
 
 CENIC = "cenic"
 
@@ -67,7 +67,7 @@ def _may_carry_velocity(values: StartValues, path: str, port: InputPort) -> bool
     if not _is_constant(values.wiring, reader):
         return True
     try:
-        state = port.Eval(values.wiring.systems[path].GetMyContextFromRoot(values.root))
+        state = port.Eval(context_of(values.wiring.systems[path], values.wiring.root, values.root))
     except FAILURES:
         return True
     return bool(np.any(state[len(state) // 2 :] != 0))

@@ -15,7 +15,7 @@ from forcectl.inspect.ports import PortName
 from forcectl.inspect.schedule import clean, instants
 from forcectl.inspect.start import StartValues, fix_open_inputs
 from forcectl.inspect.ways import Hops
-from forcectl.inspect.wiring import Wiring, is_vector
+from forcectl.inspect.wiring import Wiring, context_of, is_vector
 
 _ROUNDING = 1e-12  # of the size of a signal
 
@@ -90,10 +90,10 @@ def measure_delay(
     for run, step in zip(runs, (0.0, np.asarray(amplitude)), strict=True):
         for reader in first.readers:
             block, port = wiring.systems[reader.system], wiring.port(reader)
-            here = block.GetMyMutableContextFromRoot(run.get_mutable_context())
+            here = context_of(block, system, run.get_mutable_context())
             value = port.Eval(here) if port.HasValue(here) else np.zeros(port.size())
             port.FixValue(here, value + step)
-    contexts = [wiring.systems[end.system].GetMyContextFromRoot(run.get_context()) for run in runs]
+    contexts = [context_of(wiring.systems[end.system], system, run.get_context()) for run in runs]
     largest = 0.0
     for k, time in enumerate(times):
         if k > 0:  # at k = 0 AdvanceTo would already carry out the updates of this instant

@@ -9,7 +9,7 @@ import numpy as np
 from forcectl.doctor.report import Finding, error, info
 from forcectl.errors import one_line
 from forcectl.inspect.start import FAILURES, StartValues
-from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
+from forcectl.inspect.wiring import PortAddress, Wiring, context_of, is_vector
 
 LONGEST = 220  # characters of an error that are told
 
@@ -24,7 +24,7 @@ def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
         return
     bad: dict[PortAddress, str] = {}
     for path, system in wiring.leaves():
-        context = system.GetMyContextFromRoot(root)
+        context = context_of(system, wiring.root, root)
         for output in wiring.outputs(path):
             port = wiring.port(output)
             if not is_vector(port):

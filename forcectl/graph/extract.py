@@ -18,7 +18,7 @@ from forcectl.inspect.events import PeriodicEvent, read_timing
 from forcectl.inspect.names import type_name
 from forcectl.inspect.ports import unit, value_type
 from forcectl.inspect.start import StartValues, is_library_plant
-from forcectl.inspect.wiring import DiagramLevel, PortAddress, Wiring, is_python_block
+from forcectl.inspect.wiring import DiagramLevel, PortAddress, Wiring, context_of, is_python_block
 
 _MOST_MATRIX_ELEMENTS = 64
 
@@ -70,7 +70,7 @@ class _Reader:
             samples=samples,
             every_step=path in self._every_step,
             states=_states(system),
-            parameters=_parameters(system, self._context),
+            parameters=_parameters(system, context_of(system, self._wiring.root, self._context)),
             about=_about(system),
             beside=getattr(type(system), "REFRESHED", ""),
             blocks=blocks,
@@ -169,7 +169,7 @@ def _category(system: System, has_events: bool) -> Category:
     return "discrete" if sampled else "stateless"
 
 
-def _parameters(system: System, root_context: Context) -> tuple[Parameter, ...]:
+def _parameters(system: System, context: Context) -> tuple[Parameter, ...]:
     """Numeric parameters from the context, and the matrices of linear blocks."""
     if isinstance(system, Diagram) or is_library_plant(system):
         return ()  # a plant's parameters are one group per body: no help in a picture
@@ -182,7 +182,6 @@ def _parameters(system: System, root_context: Context) -> tuple[Parameter, ...]:
     elif isinstance(system, Saturation):
         found += [("lower limit", _response(system, -np.inf)), ("upper limit", _response(system, np.inf))]
     if count := system.num_numeric_parameter_groups():
-        context = system.GetMyContextFromRoot(root_context)
         for index, name in enumerate(_parameter_names(system, count)):
             found.append((name, context.get_numeric_parameter(index).value()))
     return tuple(

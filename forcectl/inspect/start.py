@@ -8,7 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, System
 
 from forcectl.framework.wiring import optional_inputs
-from forcectl.inspect.wiring import Wiring, is_vector
+from forcectl.inspect.wiring import Wiring, context_of, is_vector
 
 # A failed precondition in C++ can arrive as SystemExit; looking at a diagram must not end the process.
 FAILURES = (Exception, SystemExit)
@@ -33,7 +33,7 @@ class StartValues:
         """A context of one block alone, its inputs fixed to what they are at the start of the whole diagram."""
         system = self.wiring.systems[path]
         context = system.CreateDefaultContext()
-        here = system.GetMyContextFromRoot(self.root) if self.root is not None else None
+        here = None if self.root is None else context_of(system, self.wiring.root, self.root)
         for address in self.wiring.inputs(path):
             port = self.wiring.port(address)
             try:
@@ -54,6 +54,6 @@ def fix_open_inputs(wiring: Wiring, root: Context) -> None:
         fed = bool(reader.system) and wiring.source(reader) is not None
         # A plant's open inputs mean "nothing applied"; a zero there could switch something on.
         optional = bool(reader.system) and (is_library_plant(system) or port.get_name() in optional_inputs(system))
-        context = system.GetMyMutableContextFromRoot(root)
+        context = context_of(system, wiring.root, root)
         if is_vector(port) and not fed and not optional and not port.HasValue(context):
             port.FixValue(context, np.zeros(port.size()))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from pydrake.systems.framework import (
+    Context,
     Diagram,
     DiagramBuilder,
     InputPort,
@@ -228,6 +229,11 @@ class Wiring:
                 inputs = [port for port in inputs if system.HasDirectFeedthrough(port.index, output.index)]
             self._passed[output] = inputs
         return self._passed[output]
+
+
+def context_of(block: System, root: System, context: Context) -> Context:
+    """The part of the context of `root` that belongs to a block in it; `root` may itself be part of another diagram."""
+    return context if block is root else root.GetSubsystemContext(block, context)
 
 
 def is_vector(port: InputPort | OutputPort) -> bool:

@@ -16,7 +16,7 @@ from pydrake.systems.framework import Context, InputPort, System
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.inspect.ports import find_inputs, named_outputs, unknown_port
-from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
+from forcectl.inspect.wiring import PortAddress, Wiring, context_of, is_vector
 
 Array = NDArray[np.float64]
 Change = Callable[[Array], Array]  # of the elements that are faulty, at one tick
@@ -133,6 +133,7 @@ class _FaultyPort:
             if not isinstance(fault, Fault):
                 raise invalid(f"faults[{name!r}]", fault, "a fault such as Frozen(start=0.5, duration=0.1), or several")
         self._faults: list[Fault] = given
+        self._system = wiring.root
         source, readers = _resolved(wiring, name)
         self._of_root = not source.system
         self._source = wiring.port(source)
@@ -179,11 +180,11 @@ class _FaultyPort:
             value[part] = change(value[part])
         self.always_finite &= bool(np.isfinite(value).all())
         for reader in self._readers:
-            reader.FixValue(reader.get_system().GetMyContextFromRoot(context), value)
+            reader.FixValue(context_of(reader.get_system(), self._system, context), value)
 
     def _value(self, context: Context, sound: Context) -> Array:
         root = sound if self._of_root else context
-        value: Array = self._source.Eval(self._source.get_system().GetMyContextFromRoot(root))
+        value: Array = self._source.Eval(context_of(self._source.get_system(), self._system, root))
         return value
 
 

@@ -18,7 +18,7 @@ from forcectl.framework.wiring import optional_inputs
 from forcectl.inspect.names import own_name, said_type
 from forcectl.inspect.ports import one_output, unit
 from forcectl.inspect.schedule import instants
-from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
+from forcectl.inspect.wiring import PortAddress, Wiring, context_of, is_vector
 from forcectl.testing.faults import Fault, FaultyPorts
 
 if TYPE_CHECKING:
@@ -119,9 +119,9 @@ def run_diagram(
             if faulty and (other := faulty.begin_tick(context)) is not context:
                 context, simulator = other, _simulator(system, other, period, accuracy, begun=True)
             for name, output in ports.items():
-                values[name].append(output.Eval(output.get_system().GetMyContextFromRoot(context)).copy())
+                values[name].append(output.Eval(context_of(output.get_system(), system, context)).copy())
             if energy:
-                values["energy"].append(np.array([_energy(bodies, context)]))
+                values["energy"].append(np.array([_energy(bodies, system, context)]))
             finite = finite and all(np.isfinite(port.Eval(context)).all() for port in fed)
             if faulty and faulty.has_begun and k < steps:
                 _carry_out_events(simulator)
@@ -186,9 +186,9 @@ def _advance(simulator: Simulator, system: System, time: float, *, wary: bool) -
         simulator.clear_monitor()
 
 
-def _energy(blocks: Sequence[System], context: Context) -> float:
+def _energy(blocks: Sequence[System], system: System, context: Context) -> float:
     """Of all blocks [J]; a diagram's own sum leaves its blocks out."""
-    own = [(block, block.GetMyContextFromRoot(context)) for block in blocks]
+    own = [(block, context_of(block, system, context)) for block in blocks]
     return float(sum(block.EvalKineticEnergy(each) + block.EvalPotentialEnergy(each) for block, each in own))
 
 
