@@ -8,7 +8,7 @@ from pydrake.systems.framework import DiagramBuilder, System
 from forcectl.doctor.cenic import refused_scheme, scheme_name
 from forcectl.doctor.connections import unconnected_inputs, unused_outputs
 from forcectl.doctor.delays import chain_findings, declared_findings
-from forcectl.doctor.feedthrough import undeclared_prerequisites
+from forcectl.doctor.feedthrough import missing_prerequisites, undeclared_prerequisites
 from forcectl.doctor.loops import algebraic_loops
 from forcectl.doctor.repeat import not_repeatable
 from forcectl.doctor.report import Finding, Report, error, info, sort_findings
@@ -63,6 +63,7 @@ def examine(
     hops = Hops(wiring, timing.events)
     findings = [
         *_structure(wiring),
+        *missing_prerequisites(values),
         *refused_scheme(values, chosen),
         *non_finite_outputs(values),
         *failed_updates(values, timing),
@@ -89,7 +90,8 @@ def examine_builder(builder: DiagramBuilder) -> Report:
     if builder.already_built():
         raise BadInputError("this builder has already built its diagram: use examine(diagram)")
     wiring = Wiring(builder)
-    return Report("", sort_findings(_structure(wiring)), feedthrough_table(wiring))
+    findings = [*_structure(wiring), *missing_prerequisites(StartValues(wiring))]
+    return Report("", sort_findings(findings), feedthrough_table(wiring))
 
 
 def _structure(wiring: Wiring) -> list[Finding]:

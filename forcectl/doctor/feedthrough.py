@@ -1,15 +1,17 @@
-"""Outputs without declared prerequisites."""
+"""Outputs without declared prerequisites, and with too few."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
 
-from pydrake.systems.framework import CacheIndex, System
+import numpy as np
+from pydrake.systems.framework import CacheIndex, Context, System
 
-from forcectl.doctor.report import Finding, warning
+from forcectl.doctor.report import Finding, error, warning
 from forcectl.framework.wiring import input_names
-from forcectl.inspect.wiring import Wiring, is_python_block
+from forcectl.inspect.start import FAILURES, StartValues
+from forcectl.inspect.wiring import PortAddress, Wiring, is_python_block, is_vector
 
 _OUTPUT_ENTRY = re.compile(r"output port (\d+)\(")  # how Drake describes the cache entry of an output port
 
@@ -34,6 +36,50 @@ def undeclared_prerequisites(wiring: Wiring) -> Iterator[Finding]:
                     f"declares no prerequisites, so every input ({names}) counts as feedthrough; pass "
                     "prerequisites_of_calc={...} or use DeclareStateOutputPort",
                 )
+
+
+def missing_prerequisites(values: StartValues) -> Iterator[Finding]:
+    """Outputs of Python blocks that change with an input within one instant, and did not say so."""
+    wiring = values.wiring
+    for path, system in wiring.leaves():
+        if not is_python_block(system):
+            continue
+        inputs = [port for port in wiring.inputs(path) if is_vector(wiring.port(port))]
+        for output in filter(lambda port: is_vector(wiring.port(port)), wiring.outputs(path)):
+            said = wiring.passed(output)
+            hidden = [port for port in inputs if port not in said and _changes(values, output, port)]
+            if hidden:
+                names = ", ".join(wiring.port(port).get_name() for port in hidden)
+                yield error(
+                    "missing-prerequisites",
+                    wiring.name(output),
+                    f"changes with {names} within one instant, which its prerequisites do not say: Drake may keep an "
+                    f"old value of it, and sees no algebraic loop through it; add {names} to prerequisites_of_calc",
+                )
+
+
+def _changes(values: StartValues, output: PortAddress, reader: PortAddress) -> bool:
+    """Whether an output is another one at the start when one of its block's inputs is, and is repeatable else."""
+    try:
+        first, again, other = (
+            values.wiring.port(output).Eval(_stepped(values, reader, step)) for step in (0.0, 0.0, 1.0)
+        )
+    except FAILURES:
+        return False
+    same, unchanged = (np.array_equal(first, value, equal_nan=True) for value in (again, other))
+    return same and not unchanged
+
+
+def _stepped(values: StartValues, reader: PortAddress, step: float) -> Context:
+    """A context of a block, with `step` added to one of its inputs; inputs without a value are zero."""
+    context = values.block_context(reader.system)
+    for address in values.wiring.inputs(reader.system):
+        port = values.wiring.port(address)
+        if is_vector(port) and not port.HasValue(context):
+            port.FixValue(context, np.zeros(port.size()))
+    port = values.wiring.port(reader)
+    port.FixValue(context, port.Eval(context) + step)
+    return context
 
 
 def _depend_on_everything(system: System) -> set[int]:

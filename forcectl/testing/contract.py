@@ -6,8 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from pydrake.systems.framework import InputPort, OutputPort, System
 
+from forcectl.doctor.feedthrough import missing_prerequisites
 from forcectl.framework.wiring import input_names, output_names
 from forcectl.inspect.names import own_name
+from forcectl.inspect.start import StartValues
 from forcectl.inspect.wiring import Wiring, is_vector
 
 ABSTRACT = "abstract"  # stands for the size of a port that carries no vector
@@ -59,7 +61,8 @@ def assert_feedthrough(system: System, pairs: Iterable[tuple[str, str]]) -> None
         pairs: (output port, input port) of every direct feedthrough; an empty set for none at all.
 
     Raises:
-        AssertionError: a pair is missing or too many; all are listed.
+        AssertionError: a pair is missing or too many, or an output of a Python block changes with an input that it did
+            not declare; all are listed.
     """
     __tracebackhide__ = True
     wanted = set(pairs)
@@ -77,5 +80,6 @@ def assert_feedthrough(system: System, pairs: Iterable[tuple[str, str]]) -> None
             f"  {o} <- {i} is too many: declare prerequisites_of_calc of {o} without it, or hold {o} in a state"
             for o, i in sorted(found - wanted)
         ]
+        lines += [f"  {each.path} {each.message}" for each in missing_prerequisites(StartValues(Wiring(system)))]
     if lines:
         raise AssertionError("\n".join([f"direct feedthrough of {own_name(system)} is not as stated:", *lines]))

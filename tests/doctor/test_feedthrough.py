@@ -4,7 +4,7 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer, FirstOrderLowPassFilter, Gain, LinearSystem
 
-from forcectl.doctor import examine
+from forcectl.doctor import examine, examine_builder
 
 
 class Block(LeafSystem):
@@ -100,3 +100,31 @@ def test_of_a_plant_only_the_outputs_that_are_read_are_in_the_table():
     for port in (plant.get_body_spatial_accelerations_output_port(), plant.get_state_output_port()):
         builder.ExportOutput(port, port.get_name())
     assert [output for block, output in table(builder.Build())] == ["body_spatial_accelerations"]
+
+
+def reading_both_saying(prerequisites):
+    builder = DiagramBuilder()
+    block = builder.AddNamedSystem("law", Block(prerequisites))
+    gain = builder.AddNamedSystem("gain", Gain(0.5, 1))
+    builder.Connect(block.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), block.GetInputPort("b"))
+    builder.ExportInput(block.GetInputPort("a"), "a")
+    return builder
+
+
+@pytest.mark.parametrize(("prerequisites", "hidden"), [("a", "b"), ("state", "a, b")])
+def test_an_output_that_changes_with_an_input_it_did_not_name_is_an_error(prerequisites, hidden):
+    found = [
+        examine_builder(reading_both_saying(prerequisites)),
+        examine(reading_both_saying(prerequisites).Build()),  # which Drake does not refuse
+    ]
+    for report in found:
+        (finding,) = report.with_code("missing-prerequisites")
+        assert (finding.severity, finding.path) == ("error", "law.y")
+        assert f"changes with {hidden} within one instant" in finding.message
+        assert f"add {hidden} to prerequisites_of_calc" in finding.message
+
+
+@pytest.mark.parametrize("prerequisites", ["nothing said", "both", "both, state and time"])
+def test_an_output_that_named_all_its_inputs_misses_none(prerequisites):
+    assert not examine(Block(prerequisites)).with_code("missing-prerequisites")

@@ -42,3 +42,16 @@ def test_feedthrough_is_compared_exactly():
 def test_a_pair_in_the_wrong_order_is_told():
     with pytest.raises(AssertionError, match=r"\('u0', 'y0'\): no such output; outputs \['y0'\], inputs \['u0'\]"):
         assert_feedthrough(Gain(1.0, 1), {("u0", "y0")})
+
+
+def test_an_input_that_an_output_reads_without_saying_so_is_told():
+    class Hidden(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            port = self.DeclareVectorInputPort("u", 1)
+            self.DeclareVectorOutputPort(
+                "y", 1, lambda context, out: out.SetFromVector(port.Eval(context)), {self.time_ticket()}
+            )
+
+    with pytest.raises(AssertionError, match=r"Hidden\.y changes with u within one instant"):
+        assert_feedthrough(Hidden(), set())
