@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from pydrake.systems.framework import System
 
-_AUTOMATIC = re.compile(r"@[0-9a-f]{6,}$")  # Drake's own: drake/systems/Gain@000055d5c0ffee00
+_AUTOMATIC = re.compile(r"@[0-9a-f]{16}$")  # Drake's own: drake/systems/Gain@000055d5c0ffee00
 
 
 def type_name(system: System) -> str:

@@ -26,6 +26,10 @@ def test_given_names_stay_and_a_lone_block_is_called_after_its_type():
     assert block_names([*named("law", "hold"), Integrator(1)]) == ["law", "hold", "Integrator"]
 
 
+def test_a_name_with_an_at_sign_is_a_given_name():
+    assert block_names(named("camera@1234567", "law@deadbeef")) == ["camera@1234567", "law@deadbeef"]
+
+
 def test_several_nameless_blocks_of_a_type_are_numbered():
     assert block_names([Gain(1.0, 1), Adder(1, 1), Gain(1.0, 1)]) == ["Gain 1", "Adder", "Gain 2"]
 

@@ -132,7 +132,7 @@ def _text(label: Label, place: Transform, point: float) -> Text:
     return Text(
         label.x,
         label.y,
-        label.text,
+        " ".join(label.text.split()),  # as a browser shows a name with tabs or line breaks in it
         color=letters.colour,
         fontproperties=FontProperties(
             fname=FilePath(mpl.get_data_path(), "fonts", "ttf", file), size=letters.size * scale * point

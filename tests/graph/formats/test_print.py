@@ -196,6 +196,12 @@ def test_names_are_never_taken_for_formulas():
     assert "$x^2$ _{" in texts_of(to_pdf(graph(law)))
 
 
+def test_tabs_and_line_breaks_in_a_name_are_spaces():
+    law = ForceLaw()
+    law.set_name("force\tlaw\nof  mine")
+    assert "force law of mine" in texts_of(to_pdf(graph(law)))
+
+
 @pytest.mark.slow
 def test_large_diagrams_stay_within_what_programs_open(monkeypatch):
     model = graph(random_diagram(100, 3), depth=None)
