@@ -8,6 +8,7 @@ from pydrake.systems.framework import DiagramBuilder, DiscreteStateIndex, LeafSy
 from pydrake.systems.primitives import ConstantVectorSource
 
 from forcectl.errors import BadInputError
+from forcectl.framework import PythonBlock
 from forcectl.testing import assert_memory_released, memory
 
 
@@ -84,3 +85,26 @@ def test_the_use_can_be_anything():
 def test_at_least_one_build_is_needed():
     with pytest.raises(BadInputError, match="builds = 0: must be at least 1"):
         assert_memory_released(build, builds=0)
+
+
+class Light(PythonBlock):
+    """A block that every release of Drake frees."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorOutputPort("y", 1, lambda context, out: out.SetFromVector([1.0]))
+
+
+@pytest.mark.parametrize("make", [lambda: ConstantVectorSource([1.0]), Light])
+def test_of_blocks_that_every_drake_frees_none_may_live_on(make):
+    kept = []
+
+    def leak():
+        builder = DiagramBuilder()
+        builder.AddSystem(make())
+        kept.append(builder.Build())
+        return kept[-1]
+
+    with pytest.raises(AssertionError, match=r"2 of 2 systems are still alive after use: .*held by .*list"):
+        assert_memory_released(leak)
+    kept.clear()
