@@ -119,7 +119,7 @@ def _delays(
     if asked:
         first, last = defaults[-1] if defaults and defaults[-1][0] == SENSOR else (SENSOR, COMMANDS[0])
         named = (first if sensor is None else sensor, last if command is None else command)
-        ways = defaults if named in defaults else way_and_back(values.wiring, *named)
+        ways = defaults if named in defaults else way_and_back(hops, *named)
     source, target = ways[-1] if ways else ("", "")
     closed = len(ways) > 1 and ways[0][0] == target
     onward = [way[1] if closed else None for way in ways[1:] + ways[:1]]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from forcectl.errors import BadInputError
 from forcectl.inspect.events import PeriodicEvent
-from forcectl.inspect.ports import PortName, find_inputs, find_outputs, one_output, start_of_way
+from forcectl.inspect.ports import PortName, find_inputs, find_outputs, named_outputs, one_output, start_of_way
 from forcectl.inspect.schedule import clean, schedule
 from forcectl.inspect.stages import stages_of
 from forcectl.inspect.start import StartValues
@@ -144,17 +144,26 @@ def ways_around(wiring: Wiring) -> list[tuple[PortName, PortName]]:
     return ways
 
 
-def way_and_back(wiring: Wiring, source: PortName, target: PortName) -> list[tuple[PortName, PortName]]:
-    """The way from `source` to `target`, and before it the way back, where both ends are outputs of blocks.
+def way_and_back(hops: Hops, source: PortName, target: PortName) -> list[tuple[PortName, PortName]]:
+    """The way from `source` to `target`, and before it the way back, where both ends are outputs of blocks in a loop.
 
     Raises:
         BadInputError: both are one port.
     """
+    wiring = hops.wiring
     begins = find_outputs(wiring, source)
     if begins and begins == find_outputs(wiring, target):
         raise BadInputError(f"the way from {source} to {target} has no length: must be between two ports")
-    back: list[tuple[PortName, PortName]] = [(target, source)] if len(begins) == 1 else []
-    return [*back, (source, target)]
+    back: list[tuple[PortName, PortName]] = [(target, source)]
+    return [*(back if len(begins) == 1 and _closes(hops, source, target) else []), (source, target)]
+
+
+def _closes(hops: Hops, source: PortName, target: PortName) -> bool:
+    """Whether the way back begins behind `source`: what stands for a target that nothing reads may lie before it."""
+    start, end = ends_of_way(hops, target, source)
+    if not named_outputs(hops.wiring, target) or start.output in find_outputs(hops.wiring, target):
+        return True
+    return start.output is not None and hops.shortest(hops.readers.get(end, []), start.output) is not None
 
 
 def _consumers(hops: Hops, output: PortAddress, seen: set[PortAddress]) -> dict[str, PeriodicEvent | None]:

@@ -2,7 +2,7 @@
 
 import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Demultiplexer, Gain, Multiplexer, Sine, ZeroOrderHold
+from pydrake.systems.primitives import Adder, Demultiplexer, Gain, Multiplexer, Sine, ZeroOrderHold
 
 from forcectl.doctor import examine, measure_delay
 
@@ -73,4 +73,23 @@ def test_nothing_leads_back_from_an_output_to_what_it_is_computed_from():
     builder.ExportOutput(gain.get_output_port(), "y")
     report = examine(builder.Build(), sensor="source.y0", command="y")
     assert [(chain.source, chain.target) for chain in report.delays] == [("source.y0", "y")]
+    assert report.dead_time is None
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_feedforward_beside_a_hold_is_no_loop(inside):
+    builder = DiagramBuilder()
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.1, 1))
+    adder = builder.AddNamedSystem("sum", Adder(2, 1))
+    builder.Connect(hold.get_output_port(), adder.get_input_port(0))
+    if inside:
+        source = builder.AddNamedSystem("source", Sine(1.0, 1.0, 0.0, 1))
+        builder.Connect(source.get_output_port(0), hold.get_input_port())
+        builder.Connect(source.get_output_port(0), adder.get_input_port(1))
+    else:
+        builder.ExportInput(hold.get_input_port(), "reference")
+        builder.ConnectInput("reference", adder.get_input_port(1))
+    builder.ExportOutput(adder.get_output_port(), "y")
+    report = examine(builder.Build(), sensor="hold.y", command="y")
+    assert [(chain.source, chain.target) for chain in report.delays] == [("hold.y", "y")]
     assert report.dead_time is None
