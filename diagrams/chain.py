@@ -168,8 +168,7 @@ def _named(contact: Contact) -> dict[str, float]:
     """Stiffnesses of a contact that the scenario names [N/m], by key."""
     environment = contact.environment
     if hasattr(environment, "stiffnesses"):
-        named: dict[str, float] = environment.stiffnesses()
-        return named
+        return environment.stiffnesses()
     return {"first_stiffness": environment.first_stiffness}
 
 
@@ -178,7 +177,6 @@ def _pressing(workcell: Workcell, contact: Contact, stiffness: float) -> StateSp
     drive = workcell.config.drive
     if hasattr(drive, "pressing"):
         with about(drive):
-            pressing: StateSpace = drive.pressing(workcell, contact, stiffness)
-            return pressing
+            return drive.pressing(workcell, contact, stiffness)
     none, eye = np.zeros((2, 2)), np.eye(2)
     return contact.sampled_response(stiffness, workcell.period) * state_space(none, eye, eye, none, workcell.period)

@@ -212,8 +212,7 @@ def read_friction(path: str) -> FrictionFile:
         BadInputError: the file cannot be read, or is not of this form.
     """
     tree = read_keys(Path(path))
-    file: FrictionFile = Reader(lambda key: place(Path(path).name, tree.lines, key)).dataclass(FrictionFile, tree)
-    return file
+    return Reader(lambda key: place(Path(path).name, tree.lines, key)).dataclass(FrictionFile, tree)
 
 
 def friction_of(path: str, robot: RobotModel) -> JointFriction:

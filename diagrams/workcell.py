@@ -72,14 +72,12 @@ class Contact:
     @property
     def own_force(self) -> bool:
         """Whether a block of the environment's own makes the force, not the contact that this fidelity has for it."""
-        own: bool = getattr(self.environment, "own_block", hasattr(self.environment, "add_to"))
-        return own
+        return getattr(self.environment, "own_block", hasattr(self.environment, "add_to"))
 
     @property
     def gap(self) -> float:
         """Way of the tool to the surface at the start [m]."""
-        there: float = getattr(self.environment, "gap", getattr(self.surface, "gap", 0.0))
-        return there
+        return getattr(self.environment, "gap", getattr(self.surface, "gap", 0.0))
 
     def sampled_response(self, stiffness: float, period: float) -> StateSpace:
         """From [dx, dx'] of the motors to the force of a contact of this K_E [N/m]; of an unknown part a spring."""

@@ -157,5 +157,4 @@ def about(part: object) -> Iterator[None]:
 
 def parts_of(error: BaseException) -> list[object]:
     """The parts of a configuration that an error is about, see `about`; innermost first."""
-    parts: list[object] = error.__dict__.setdefault("parts", [])
-    return parts
+    return error.__dict__.setdefault("parts", [])

@@ -90,8 +90,7 @@ class JointInterfaceConfig(Config):
 
     def resting_torque(self, workcell: Workcell) -> Array:
         """Motor torque at the start, shape (n,) [Nm]."""
-        torque: Array = workcell.gravity_torque + self.true_friction(workcell.robot).offset
-        return torque
+        return workcell.gravity_torque + self.true_friction(workcell.robot).offset
 
     def pressing(self, workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:
         """From [dx_bar, its rate] to the force of a contact of this K_E [N/m], per tick, without friction.

@@ -86,8 +86,7 @@ class PositionDriveConfig(Config, in_batches=True):
         moved = springs @ np.linalg.inv(to_motor) + rotor_inertia(robot) * bends
         moved += self.servo.friction_scale * parameters.viscous_friction * axes
         rubbing = self.servo.friction_scale * parameters.coulomb_friction
-        most: Vector = np.where(axes == 0.0, np.abs(moved) + rubbing, np.abs(moved + rubbing * np.sign(axes)))
-        return most
+        return np.where(axes == 0.0, np.abs(moved) + rubbing, np.abs(moved + rubbing * np.sign(axes)))
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> System:
         """Add the block `drive`."""

@@ -130,8 +130,7 @@ def touching_points(contact: Contact) -> NDArray[np.float64]:
     """What of the tool touches a surface, from the TCP at the start in the world, shape (N, 3) [m]; usually the TCP."""
     points = getattr(contact.environment, "touching_points", lambda: np.zeros((1, 3)))()
     rotation = contact.robot.pose(contact.robot.context_at(contact.start)).rotation().matrix()
-    moved: NDArray[np.float64] = points @ rotation.T
-    return moved
+    return points @ rotation.T
 
 
 def _add_slide(

@@ -25,8 +25,7 @@ from forcectl.plant.tip_kinematics import TipDisplacement
 
 def surface_profile(contact: Contact) -> SurfaceProfile:
     """The surface as the ball of the tool meets it."""
-    profile: SurfaceProfile = contact.environment.surface.profile(ball_radius(contact))
-    return profile
+    return contact.environment.surface.profile(ball_radius(contact))
 
 
 def ball_radius(contact: Contact) -> float:

@@ -48,14 +48,12 @@ _MEMORY = (
 
 def residual_step(residual: Array, mean_torque: Array, gain: Array | float, elapsed: float) -> Array:
     """(5.7) over a time in which the external torque has this mean; arguments [Nm, Nm, 1/s, s]."""
-    stepped: Array = residual - np.expm1(-gain * elapsed) * (mean_torque - residual)
-    return stepped
+    return residual - np.expm1(-gain * elapsed) * (mean_torque - residual)
 
 
 def dead_band(residual: Array, threshold: Array) -> Array:
     """The part of the residual [Nm] beyond the threshold [Nm]."""
-    beyond: Array = np.copysign(np.maximum(np.abs(residual) - threshold, 0.0), residual)
-    return beyond
+    return np.copysign(np.maximum(np.abs(residual) - threshold, 0.0), residual)
 
 
 class MomentumObserver(SampledBatch):

@@ -113,8 +113,7 @@ class ForceChain:
 
 def _closed(around: StateSpace, factor: float) -> NDArray[np.complex128]:
     """Poles of the loop with this factor in it."""
-    poles: NDArray[np.complex128] = np.linalg.eigvals(around.A + factor * around.B @ around.C)
-    return poles
+    return np.linalg.eigvals(around.A + factor * around.B @ around.C)
 
 
 def _limit(stable: Callable[[float], bool], start: float) -> float:

@@ -46,8 +46,7 @@ def joint_direction(jacobian: Vector, n: Vector) -> Vector:
         # LAPACK itself: half the time of numpy's wrapper for six unknowns.
         _, _, solution, info = dgesv(jacobian, wanted)
         return solution if info == 0 else np.full(jacobian.shape[1], np.inf)
-    solution = np.linalg.lstsq(jacobian, wanted, rcond=None)[0]
-    return solution
+    return np.linalg.lstsq(jacobian, wanted, rcond=None)[0]
 
 
 def damped_direction(jacobian: Vector, n: Vector, limit: float, damping: float) -> tuple[Vector, bool]:

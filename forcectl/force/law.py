@@ -44,8 +44,7 @@ def require_force_law(law: System, inputs: Iterable[str]) -> None:
 
 def model_bandwidth(law: Any) -> float | None:
     """Bandwidth [rad/s] of the nominal closed loop, of a configuration; None where it does not tell."""
-    told: float | None = getattr(law, "reference_model_bandwidth", lambda: None)()
-    return told
+    return getattr(law, "reference_model_bandwidth", lambda: None)()
 
 
 def low_pass(last: BatchValue, value: BatchValue, filter_time: BatchValue, period: float) -> BatchValue:

@@ -150,8 +150,7 @@ class BatchBlock(PythonBlock):
 
     def parameter(self, context: Context, name: str) -> NDArray[np.float64]:
         """A parameter as it stands in this block's context, shape (n,)."""
-        value: NDArray[np.float64] = context.get_numeric_parameter(self._find(name)).CopyToVector()
-        return value
+        return context.get_numeric_parameter(self._find(name)).CopyToVector()
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """Raise BadInputError when parameters that are fine alone do not fit each other; nothing by default."""

@@ -128,8 +128,7 @@ class EulerAngles:
 
     def rotation(self, value: ArrayLike) -> Array:
         """R (3, 3) of the angles (3,) [rad]."""
-        R: Array = self._back.T @ rotation_of(value)
-        return R
+        return self._back.T @ rotation_of(value)
 
 
 def _reciprocal(cosine: float, smallest: float) -> float:

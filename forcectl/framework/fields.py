@@ -168,8 +168,7 @@ def _hints(cls: Any) -> dict[str, Any]:
 
 def key_of(field: dataclasses.Field[Any]) -> Key:
     """What is declared of a field of a dataclass; nothing of one that is no `key`."""
-    declared: Key = field.metadata.get("key", Key())
-    return declared
+    return field.metadata.get("key", Key())
 
 
 def default_of(field: dataclasses.Field[Any]) -> Any:

@@ -95,8 +95,7 @@ class LinearBatch(PythonBlock):
             values = self._input.Eval(context)
         else:
             values = context.get_discrete_state(self._line).value()[-self._input.size() :]
-        late: Matrix = values.reshape(self._b.shape[1:])
-        return late
+        return values.reshape(self._b.shape[1:])
 
     def _output(self, context: Context, output: BasicVector) -> None:
         x = context.get_discrete_state(self._state).value().reshape(self._a.shape[1:])
@@ -113,16 +112,14 @@ class LinearBatch(PythonBlock):
 
 def _each(matrices: Matrix, vectors: Matrix) -> Matrix:
     """Matrix times vector of each element, shapes (i, j, n) and (j, n)."""
-    product: Matrix = np.add.reduce(matrices * vectors, axis=1)
-    return product
+    return np.add.reduce(matrices * vectors, axis=1)
 
 
 def interleave(blocks: Sequence[Matrix] | Matrix) -> Matrix:
     """One matrix for n equal-shaped systems, with the states grouped by quantity instead of by batch element."""
     rows, cols = blocks[0].shape
     order = [np.arange(count * len(blocks)).reshape(len(blocks), count).T.ravel() for count in (rows, cols)]
-    whole: Matrix = block_diag(*blocks)[np.ix_(*order)]
-    return whole
+    return block_diag(*blocks)[np.ix_(*order)]
 
 
 def sampled_system(

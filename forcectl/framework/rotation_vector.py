@@ -98,8 +98,7 @@ class RotationVector:
         second = 0.5 * (math.sin(0.5 * t) / (0.5 * t)) ** 2 if t > 0.0 else 0.5
         x, y, z = phi.tolist()
         skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        R: Vector = (np.eye(3) + first * skew + second * skew @ skew) @ self._back.T
-        return R
+        return (np.eye(3) + first * skew + second * skew @ skew) @ self._back.T
 
 
 def transposed(rotation: ArrayLike | None, name: str = "base") -> Vector:

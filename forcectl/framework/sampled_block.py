@@ -251,8 +251,7 @@ class _Ticks(_Shared):
 
     def _after(self, context: Context) -> Memory:
         if self._now:
-            after: Memory = self._now.Eval(context)
-            return after
+            return self._now.Eval(context)
         if self._port is None:
             return self._compute(context)
         value = self._port.Eval(context)

@@ -245,10 +245,8 @@ def _composed(loader: _Loader, text: str, fast: bool) -> yaml.Node | None:
         quick = yaml.CSafeLoader(text)
         quick.yaml_implicit_resolvers = loader.yaml_implicit_resolvers
         with suppress(yaml.YAMLError):  # whose words differ
-            node: yaml.Node | None = quick.get_single_node()
-            return node
-    last: yaml.Node | None = loader.get_single_node()
-    return last
+            return quick.get_single_node()
+    return loader.get_single_node()
 
 
 def _values(tree: Tree) -> list[Tree]:

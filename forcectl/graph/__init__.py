@@ -20,8 +20,7 @@ class _Room(ModuleType):
     def __call__(self, *args: Any, **options: Any) -> Graph:
         """The picture of a scenario or of a diagram, see `forcectl.runs.entry.graph`."""
         # The package asks for it: this room knows nothing of scenarios.
-        drawn: Graph = sys.modules["forcectl"]._draw(*args, **options)
-        return drawn
+        return sys.modules["forcectl"]._draw(*args, **options)
 
 
 sys.modules[__name__].__class__ = _Room

@@ -50,8 +50,7 @@ class _Drawing:
         if format not in FORMATS:
             raise unknown("format", format, FORMATS)
         # The room imports a format when it is asked for: Matplotlib alone takes half a second.
-        content: str | bytes = getattr(import_module(self._formats), f"to_{format}")(self._content)
-        return content
+        return getattr(import_module(self._formats), f"to_{format}")(self._content)
 
     def save(self, path: str | os.PathLike[str], format: str | None = None) -> None:
         """Write a file in `format`, by default the one its name ends in; a file that exists is replaced.

@@ -194,8 +194,7 @@ def _response(system: System, value: float) -> ArrayLike:
     context = system.CreateDefaultContext()
     port = system.get_input_port(0)
     port.FixValue(context, np.full(port.size(), value))
-    response: ArrayLike = system.get_output_port(0).Eval(context)
-    return response
+    return system.get_output_port(0).Eval(context)
 
 
 def _parameter_names(system: System, count: int) -> list[str]:

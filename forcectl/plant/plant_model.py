@@ -118,8 +118,7 @@ class PlantModel:
         """
         if len(self.normals) != 1:
             raise BadInputError(f"the station has {len(self.normals)} surfaces: must have one for this controller")
-        normal: Array = self.normals[0]
-        return normal
+        return self.normals[0]
 
     @property
     def num_joints(self) -> int:

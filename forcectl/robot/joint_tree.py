@@ -45,8 +45,7 @@ _SUM_6 = np.block([[_DIFFERENCE, np.zeros((6, 3))], [np.zeros((12, 3)), np.conca
 def cross(a: Array, b: Array) -> Array:
     """Row by row, (k, 3)."""
     terms = a.take(_LEFT, 1) * b.take(_RIGHT, 1)
-    product: Array = terms[:, :3] - terms[:, 3:]
-    return product
+    return terms[:, :3] - terms[:, 3:]
 
 
 class JointTree:
@@ -195,12 +194,10 @@ class TreeState:
     @cached_property
     def link_velocities(self) -> Array:
         """V of the point of each link at the origin of W, (n + 1, 6) [rad/s; m/s]."""
-        velocities: Array = self.tree.moves @ self._joint_velocities
-        return velocities
+        return self.tree.moves @ self._joint_velocities
 
     @cached_property
     def link_biases(self) -> Array:
         """A: rate of V of each link when no joint speed changes, (n + 1, 6) [rad/s^2; m/s^2]."""
         terms = self.link_velocities[1:].take(_LEFT_6, 1) * self._joint_velocities.take(_RIGHT_6, 1)
-        biases: Array = self.tree.moves @ (terms @ _SUM_6)
-        return biases
+        return self.tree.moves @ (terms @ _SUM_6)

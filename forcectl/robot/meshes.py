@@ -118,8 +118,7 @@ def _node_matrix(node: ElementTree.Element) -> Array:
 
 def _turn(axis_angle: Array) -> Array:
     axis = axis_angle[:3] / np.linalg.norm(axis_angle[:3])
-    turned: Array = RigidTransform(AngleAxis(np.radians(axis_angle[3]), axis), np.zeros(3)).GetAsMatrix4()
-    return turned
+    return RigidTransform(AngleAxis(np.radians(axis_angle[3]), axis), np.zeros(3)).GetAsMatrix4()
 
 
 _STEPS: dict[str, Callable[[Array], Array]] = {

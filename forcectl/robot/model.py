@@ -62,8 +62,7 @@ def unit_normal(n: ArrayLike, name: str = "normal") -> Array:
     length = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
     if not np.isfinite(length) or length < 1e-9:
         raise invalid(name, np.asarray(n).tolist(), "three finite numbers, not all zero")
-    unit: Array = vector / length
-    return unit
+    return vector / length
 
 
 class _Forces(threading.local):
@@ -123,8 +122,7 @@ class PlantJoints:
         J = self.plant.CalcJacobianSpatialVelocity(
             context, JacobianWrtVariable.kV, frame, _ORIGIN, world, expressed_in or world
         )
-        columns: Array = J if self._all else J[:, self._v]
-        return columns
+        return J if self._all else J[:, self._v]
 
     def mass_matrix(self, context: Context) -> Array:
         """Mass matrix of what the plant holds, that is without rotors, shape (n, n) [kg m2]."""
@@ -136,12 +134,10 @@ class PlantJoints:
         forces = self._scratch.forces
         self.plant.CalcForceElementsContribution(context, forces)
         if self._all:
-            torque: Array = self.plant.CalcInverseDynamics(context, vdot, forces)
-            return torque
+            return self.plant.CalcInverseDynamics(context, vdot, forces)
         everything = np.zeros(self.plant.num_velocities())
         everything[self._v] = vdot
-        torque = self.plant.CalcInverseDynamics(context, everything, forces)[self._v]
-        return torque
+        return self.plant.CalcInverseDynamics(context, everything, forces)[self._v]
 
 
 class RobotModel(PlantJoints):
@@ -285,8 +281,7 @@ class RobotModel(PlantJoints):
         """J'v: spatial acceleration of the origin of `frame` in the world while no joint speed changes, shape (6,)."""
         world = self._world
         A = self.plant.CalcBiasSpatialAcceleration(context, JacobianWrtVariable.kV, frame, _ORIGIN, world, world)
-        bias: Array = A.get_coeffs()
-        return bias
+        return A.get_coeffs()
 
     def link_poses(self, context: Context) -> dict[str, RigidTransform]:
         """Poses in the world of the frames named in `link_compliance`."""
@@ -294,8 +289,7 @@ class RobotModel(PlantJoints):
 
     def gravity_torque(self, context: Context) -> Array:
         """Torque that holds robot and tool at rest, shape (n,) [Nm]; opposite to Drake's generalized gravity force."""
-        torque: Array = -self.plant.CalcGravityGeneralizedForces(context)[self._v]
-        return torque
+        return -self.plant.CalcGravityGeneralizedForces(context)[self._v]
 
     def load_torque(self, context: Context) -> Array:
         """c(q, v) + g(q): joint torque of a motion without acceleration, at q and v of `context`, shape (n,) [Nm]."""

@@ -63,8 +63,7 @@ class MomentumModel(PlantJoints):
     def _mass_times(self, context: Context, q: Array, v: Array) -> Array:
         """B(q) v without extra rotors, shape (n,) [kg m2/s]."""
         self.set_positions(context, q)
-        product: Array = self.mass_matrix(context).dot(v)
-        return product
+        return self.mass_matrix(context).dot(v)
 
     def terms(self, context: Context, q: Array, v: Array) -> tuple[Array, Array]:
         """p and C'q' + tau_g at joint positions and speeds of shape (n,) [rad, rad/s].

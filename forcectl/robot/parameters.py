@@ -168,8 +168,7 @@ class ControlParameters(Config):
     @property
     def default_posture(self) -> np.ndarray:
         """Joint positions of the default posture, shape (n,) [rad]."""
-        posture: np.ndarray = np.radians(self.default_posture_deg)
-        return posture
+        return np.radians(self.default_posture_deg)
 
     def coupling(self) -> np.ndarray:
         """Motor speeds before their gears per joint speeds, shape (n, n) [1]."""

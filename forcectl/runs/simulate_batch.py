@@ -157,5 +157,4 @@ class _Batch:
         for name, signal in self.loop.signals.items():
             peaks = np.abs(values[signal.rows][:count]).max(axis=1, initial=0.0)
             bad |= ~(peaks <= [limit.get(name, np.finfo(float).max) for limit in limits])
-        found: list[int] = np.flatnonzero(bad).tolist()
-        return found
+        return np.flatnonzero(bad).tolist()

@@ -299,8 +299,7 @@ def reference_model_config(text: str | float | ReferenceModelConfig) -> Referenc
         raise BadInputError(
             f"--reference-model {text!r}: must be a bandwidth [rad/s] or a mapping such as {{bandwidth: 1.5, order: 2}}"
         )
-    config: ReferenceModelConfig = Reader(lambda key: "--reference-model").dataclass(ReferenceModelConfig, tree, "")
-    return config
+    return Reader(lambda key: "--reference-model").dataclass(ReferenceModelConfig, tree, "")
 
 
 def _basis(form: str, period: float) -> ControllerBasis:

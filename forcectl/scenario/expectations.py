@@ -282,8 +282,7 @@ class Verdict:
     def from_row(target: str, row: Mapping[str, Any]) -> Verdict:
         """The verdict of a record of `summary.json`; BadInputError for one that nobody wrote."""
         known = {name: row[_ROW.get(name, name)] for name in Verdict.__annotations__ if _ROW.get(name, name) in row}
-        verdict: Verdict = Reader().dataclass(Verdict, plain(known | {"target": target}), f"expectations.{target}")
-        return verdict
+        return Reader().dataclass(Verdict, plain(known | {"target": target}), f"expectations.{target}")
 
 
 def judge(

@@ -42,5 +42,4 @@ def user_settings() -> UserSettings:
         raise BadInputError(f"cannot read settings file {str(file)!r}: {reason}") from None
     tree = parse(text, str(file))
     lines = tree.lines if isinstance(tree, Tagged) else {}
-    made: UserSettings = Reader(lambda key: place(str(file), lines, key)).dataclass(UserSettings, tree or Tagged())
-    return made
+    return Reader(lambda key: place(str(file), lines, key)).dataclass(UserSettings, tree or Tagged())

@@ -184,8 +184,7 @@ class _FaultyPort:
 
     def _value(self, context: Context, sound: Context) -> Array:
         root = sound if self._of_root else context
-        value: Array = self._source.Eval(context_of(self._source.get_system(), self._system, root))
-        return value
+        return self._source.Eval(context_of(self._source.get_system(), self._system, root))
 
 
 def _resolved(wiring: Wiring, name: str) -> tuple[PortAddress, list[PortAddress]]:

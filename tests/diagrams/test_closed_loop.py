@@ -33,8 +33,7 @@ def simulate(fidelity: str, duration: float, scenario: dict[str, Any] | None = N
 
 
 def values(log: xr.Dataset, name: str, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    result: np.ndarray = log[name].sel(time=slice(start - 1e-9, end)).values
-    return result
+    return log[name].sel(time=slice(start - 1e-9, end)).values
 
 
 # --- leaving the surface and coming back -----------------------------------------------------------------------------

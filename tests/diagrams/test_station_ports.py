@@ -70,8 +70,7 @@ def build_loop(fidelity: str, controller: object = None, seed: int = 3) -> Loop:
 def run_loop(loop: Loop, context: Context | None = None, duration: float = 0.3) -> np.ndarray:
     simulator = Simulator(loop.diagram, context) if context is not None else Simulator(loop.diagram)
     simulator.AdvanceTo(simulator.get_context().get_time() + duration)
-    log: np.ndarray = loop.find_log(simulator.get_context()).data().copy()
-    return log
+    return loop.find_log(simulator.get_context()).data().copy()
 
 
 @every_fidelity

@@ -82,8 +82,7 @@ def contact_force(diagram: Diagram, simulator: Simulator) -> np.ndarray:
     plant = diagram.GetSubsystemByName("plant")
     results = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(simulator.get_context()))
     assert results.num_hydroelastic_contacts() == 1
-    force: np.ndarray = results.hydroelastic_contact_info(0).F_Ac_W().translational()
-    return force
+    return results.hydroelastic_contact_info(0).F_Ac_W().translational()
 
 
 def test_the_observer_shows_the_contact_force_its_lag_later(modules):

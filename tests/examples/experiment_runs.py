@@ -112,5 +112,4 @@ def _simulated(scenario: Scenario, name: str, loop: Loop | None, wait: bool) -> 
             done = simulate(scenario, loop or build(scenario), "default")
             assert done.failure is None, f"{name}: {done.failure}"
             path.write_bytes(pickle.dumps(replace(done, realtime_factor=None, diagram=None)))
-    outcome: VariantOutcome = pickle.loads(path.read_bytes())
-    return outcome
+    return pickle.loads(path.read_bytes())

@@ -33,8 +33,7 @@ def solved(program: MathematicalProgram, kind: str) -> np.ndarray:
     """All variables of a program at its optimum, by one of Drake's solvers."""
     solver = getattr(solvers, kind)()
     # Asked for the last digit, some say that they did not quite reach it: the answer counts.
-    x: np.ndarray = solver.Solve(program, None, exact_options(EXACT[kind])).get_x_val()
-    return x
+    return solver.Solve(program, None, exact_options(EXACT[kind])).get_x_val()
 
 
 class Case(NamedTuple):
@@ -71,8 +70,7 @@ def _acceleration_of_the_reactive_controller(block: Any, context: Context) -> np
 
 
 def _reference(block: Any, context: Context) -> np.ndarray:
-    reference: np.ndarray = block.GetOutputPort("governed_reference").Eval(context)
-    return reference
+    return block.GetOutputPort("governed_reference").Eval(context)
 
 
 def _invariance(**changes: Any) -> Case:

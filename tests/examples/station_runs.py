@@ -60,8 +60,7 @@ def closed_loop(**changes: Any) -> xr.Dataset:
 
 def signal(log: xr.Dataset, name: str) -> Vector:
     """One signal of a log as an array over time."""
-    values: Vector = log[name].values
-    return values
+    return log[name].values
 
 
 def command_for(workcell: Workcell, displacement: float) -> Vector:

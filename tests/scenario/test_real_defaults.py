@@ -46,16 +46,14 @@ def joint_torque_of_the_load() -> np.ndarray:
     robot = RobotModel.load("yumi", "yumi_gripper")
     q = np.radians(parse(ARMS, "arms.yaml")["station"]["posture_deg"])
     arm = robot.for_arm("left")
-    torque: np.ndarray = FORCE @ arm.jacobian(arm.context_at(q))[3:]
-    return torque
+    return FORCE @ arm.jacobian(arm.context_at(q))[3:]
 
 
 def bend(preset: str) -> np.ndarray:
     """What the links move beside the motors under the load, mean, shape (14,) [rad]."""
     log = run(preset)
     beside = log["link_position"] - log["motor_position"]
-    moved: np.ndarray = (beside.sel(time=LOADED).mean("time") - beside.sel(time=0.196, method="nearest")).values
-    return moved
+    return (beside.sel(time=LOADED).mean("time") - beside.sel(time=0.196, method="nearest")).values
 
 
 def test_joints_are_elastic_and_the_ideal_ones_are_the_same_without_their_springs():

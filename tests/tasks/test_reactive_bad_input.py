@@ -48,8 +48,7 @@ def free() -> Log:
 
 def readings(t: float, late: int = 1) -> np.ndarray:
     """Joint positions of the undisturbed run some ticks ago."""
-    past: np.ndarray = free()["joint_position_command"][max(0, round(t / PERIOD) - late)]
-    return past
+    return free()["joint_position_command"][max(0, round(t / PERIOD) - late)]
 
 
 def assert_smooth(log: Log, jerk: float = 50.0) -> None:

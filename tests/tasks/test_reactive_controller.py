@@ -50,8 +50,7 @@ def reached(log: Log) -> np.ndarray:
 
 
 def wanted(log: Log, start: np.ndarray) -> np.ndarray:
-    swing: np.ndarray = start + AMPLITUDE * (1 - np.cos(4 * (log.time[:, None] + PERIOD)))
-    return swing
+    return start + AMPLITUDE * (1 - np.cos(4 * (log.time[:, None] + PERIOD)))
 
 
 def test_references_are_reached_at_the_next_tick_without_delay() -> None:

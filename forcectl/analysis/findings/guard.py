@@ -44,8 +44,7 @@ def guard_codes(log: Any) -> Codes:
     if "status" not in log:
         return np.zeros(log.sizes["time"], dtype=np.int64)
     status = log["status"].values.reshape(log.sizes["time"], -1)
-    codes: Codes = (np.nan_to_num(status).max(axis=1).astype(np.int64)) // GUARD
-    return codes
+    return (np.nan_to_num(status).max(axis=1).astype(np.int64)) // GUARD
 
 
 def own_status(status: NDArray[np.float64]) -> NDArray[np.float64]:

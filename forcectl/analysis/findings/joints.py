@@ -220,8 +220,7 @@ def _targets(log: Any, setting: Setting) -> Iterator[RunFinding]:
 
 def _any(here: Mask) -> Mask:
     """Of a signal of several components, whether it is so of one of them."""
-    found: Mask = np.any(here.reshape(len(here), -1), axis=1)
-    return found
+    return np.any(here.reshape(len(here), -1), axis=1)
 
 
 def _ticks(here: Mask) -> str:

@@ -226,8 +226,7 @@ def _check_limits(values: Mapping[str, NDArray[np.float64]]) -> None:
 
 def _by_element(values: Sequence[BatchValue]) -> list[list[float]]:
     """Batch values as one row of numbers per batch element."""
-    rows: list[list[float]] = np.reshape(values, (len(values), -1)).T.tolist()
-    return rows
+    return np.reshape(values, (len(values), -1)).T.tolist()
 
 
 class GovernedForceLaw(Around):

@@ -234,8 +234,7 @@ def _along_normals(model: PlantModel, loops: int) -> tuple[Array, Callable[[Arra
         return found
 
     def direction(position: Array) -> Array:
-        total: Array = sum((joint_direction(jacobian, n) for jacobian, n in each(position)), np.zeros(len(position)))
-        return total
+        return sum((joint_direction(jacobian, n) for jacobian, n in each(position)), np.zeros(len(position)))
 
     rows = np.array([n @ jacobian[3:] for jacobian, n in each(model.start)]).reshape(loops, model.num_joints)
     return rows, direction

@@ -83,8 +83,7 @@ def _held(values: Array, keep: float) -> Array:
     """Each value, or what is kept of one before it; not negative."""
     with np.errstate(divide="ignore"):
         logs = np.log(np.maximum(values, 0.0)) - np.arange(len(values)) * np.log(keep)
-    found: Array = np.exp(np.maximum.accumulate(logs) + np.arange(len(values)) * np.log(keep))
-    return found
+    return np.exp(np.maximum.accumulate(logs) + np.arange(len(values)) * np.log(keep))
 
 
 def _before(command: Array) -> Array:

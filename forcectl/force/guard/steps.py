@@ -65,8 +65,7 @@ class JointSteps:
 
     def depths(self, command: Numbers) -> Numbers:
         """Along the tangents at the start."""
-        depths: Numbers = (self._rows @ (np.array(command) - self._start)).tolist() if self.away else []
-        return depths
+        return (self._rows @ (np.array(command) - self._start)).tolist() if self.away else []
 
     def within(self, wanted: Sequence[float], command: Sequence[float]) -> bool:
         """Whether no joint moves by more than in a sound tick; no for one that is not a number."""
@@ -81,5 +80,4 @@ class JointSteps:
     def back(self, command: Numbers, distance: float) -> Numbers:
         """All tools away from their surfaces."""
         here = np.array(command)
-        away: Numbers = (here + distance * self._direction(here)).tolist()
-        return away
+        return (here + distance * self._direction(here)).tolist()

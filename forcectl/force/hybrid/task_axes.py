@@ -60,8 +60,7 @@ class TaskAxes:
 def shortest_turn(start: Array, end: Array) -> Array:
     """The rotation that takes one unit vector to another about the axis across both, shape (3, 3)."""
     across = cross_matrix(cross(start, end))
-    turn: Array = np.eye(3) + across + across @ across / (1.0 + start @ end)
-    return turn
+    return np.eye(3) + across + across @ across / (1.0 + start @ end)
 
 
 class TaskWrench(PythonBlock):

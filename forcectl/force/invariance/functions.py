@@ -55,8 +55,7 @@ def invariance_function(state: ArrayLike, gamma: ArrayLike) -> Array:
         curvature = taylor(derivatives[2:], expanded, found) if len(derivatives) > 2 else expanded
         polished = np.maximum(found - slope / np.where(curvature == 0, 1.0, curvature), 0.0)
         times = np.concatenate([times, found, polished], axis=-1)
-    phi: Array = np.max(taylor(derivatives, expanded, times), axis=-1)
-    return phi
+    return np.max(taylor(derivatives, expanded, times), axis=-1)
 
 
 def set_distance(y: ArrayLike, rate: ArrayLike, gamma: float) -> Array:

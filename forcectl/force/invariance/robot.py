@@ -208,5 +208,4 @@ def _robot_compliance(model: PlantModel) -> Array:
     """Compliance of the TCP at the start, shape (3, 3) [m/N], scaled to the C_R that the model has along n."""
     robot = model.known_robot()
     whole = robot_compliance(robot, robot.context_at(model.start), robot.joint_stiffness)
-    scaled: Array = whole[3:, 3:] * (model.robot_compliance.item() / compliance_along(model.n, whole))
-    return scaled
+    return whole[3:, 3:] * (model.robot_compliance.item() / compliance_along(model.n, whole))

@@ -17,8 +17,7 @@ from forcectl.graph.model import Block, BlockGraph, Endpoint, Port
 
 def to_dot(graph: BlockGraph) -> str:
     """The graph at its depth as a DOT document."""
-    text: str = to_pydot(graph).to_string(indent=2)
-    return text
+    return to_pydot(graph).to_string(indent=2)
 
 
 def to_pydot(graph: BlockGraph) -> pydot.Dot:
@@ -109,5 +108,4 @@ def _field(text: str) -> str:
 
 def label_of(text: str) -> str:
     """Text of a plain label, always in quotes: pydot takes one between angles for HTML."""
-    quoted: str = pydot.make_quoted(text.replace("\\", "\\\\").replace("&", "&amp;"))
-    return quoted
+    return pydot.make_quoted(text.replace("\\", "\\\\").replace("&", "&amp;"))

@@ -67,8 +67,7 @@ def to_pydot(chart: MachineChart) -> pydot.Dot:
 
 def to_dot(chart: MachineChart) -> str:
     """The machine as a DOT document."""
-    text: str = to_pydot(chart).to_string(indent=2)
-    return text
+    return to_pydot(chart).to_string(indent=2)
 
 
 def to_mermaid(chart: MachineChart) -> str:

@@ -82,8 +82,7 @@ class PatchConfig(Config):
     def normal(self) -> list[float]:
         """Outward normal of the plate in W."""
         turned = RotationMatrix(AngleAxis(np.radians(self.tilt_deg), unit_normal(self.tilt_axis)))
-        normal: list[float] = (turned @ unit_normal(self.facing)).tolist()
-        return normal
+        return (turned @ unit_normal(self.facing)).tolist()
 
     @property
     def surface(self) -> SurfaceConfig:

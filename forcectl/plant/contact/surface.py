@@ -50,8 +50,7 @@ def groove_profile(s: Array, centre: float, depth: float, width: float, flank: f
     outside = np.abs(s - centre) - (width / 2 - flank)
     if flank == 0:
         return np.where(outside < 0, -depth, 0.0)
-    profile: Array = -0.5 * depth * (1 + np.cos(np.pi * np.clip(outside / flank, 0.0, 1.0)))
-    return profile
+    return -0.5 * depth * (1 + np.cos(np.pi * np.clip(outside / flank, 0.0, 1.0)))
 
 
 def rough_profile(count: int, step: float, rms: float, correlation_length: float, seed: int) -> Array:
@@ -116,8 +115,7 @@ class SurfaceProfile:
         """h [m] at path coordinates s [m] of any shape."""
         s = np.asarray(s, dtype=float)
         grid = self.start + self.step * np.arange(len(self.heights))
-        height: Array = self.slope * s + np.interp(s, grid, self.heights)
-        return height
+        return self.slope * s + np.interp(s, grid, self.heights)
 
 
 class SurfaceHeight(PythonBlock):

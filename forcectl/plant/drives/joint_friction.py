@@ -106,8 +106,7 @@ def sliding_friction_torque(speed: Array, friction: JointFriction) -> Array:
 
 def _with_direction(speed: Array, friction: JointFriction, direction: Array) -> Array:
     viscous = friction.viscous_forward * np.maximum(speed, 0.0) + friction.viscous_backward * np.minimum(speed, 0.0)
-    torque: Array = friction.offset + friction.coulomb * direction + viscous
-    return torque
+    return friction.offset + friction.coulomb * direction + viscous
 
 
 def mean_features(before: Array, after: Array) -> tuple[Array, Array, Array]:

@@ -150,8 +150,7 @@ class GravityCompensation(PythonBlock):
 
     def _links(self, context: Context) -> Vector:
         torque = context.get_discrete_state(self._torque).value()
-        links: Vector = self._position.Eval(context) - torque / self._stiffness
-        return links
+        return self._position.Eval(context) - torque / self._stiffness
 
     def _set_posture(self, context: Context, value: AbstractValue) -> None:
         self._robot.set_positions(value.get_mutable_value(), self._links(context))
@@ -203,5 +202,4 @@ class JointImpedanceConfig(Config):
             stiffness: K_q, shape (n,) [Nm/rad].
             inertia: I of motor and link, shape (n,) [kg m^2].
         """
-        damping: Vector = 2 * self.damping_ratio * np.sqrt(stiffness * inertia)
-        return damping
+        return 2 * self.damping_ratio * np.sqrt(stiffness * inertia)

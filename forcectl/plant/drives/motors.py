@@ -50,8 +50,7 @@ class Motors:
 
     def at_rest(self, position: ArrayLike) -> Vector:
         """phi where the motors are at these positions of the joints, shape (n,) [rad]."""
-        angles: Vector = self.to_motor @ batch_values("initial_position", position, self.size)
-        return angles
+        return self.to_motor @ batch_values("initial_position", position, self.size)
 
     def add_friction(
         self, builder: DiagramBuilder, free: Matrix, stick: Vector, suffix: str = ""
@@ -80,14 +79,12 @@ def export_motion(builder: DiagramBuilder, state: OutputPort) -> tuple[OutputPor
 
 def joint_to_motor(robot: RobotModel) -> Matrix:
     """S: motor angles over gear ratios per joint angles, shape (n, n) [1]."""
-    matrix: Matrix = robot.motor_from_joint / robot.parameters.gear_ratio[:, None]
-    return matrix
+    return robot.motor_from_joint / robot.parameters.gear_ratio[:, None]
 
 
 def rotor_inertia(robot: RobotModel) -> Vector:
     """B: of each rotor at its joint, shape (n,) [kg m^2]."""
-    inertia: Vector = robot.parameters.rotor_inertia * robot.parameters.gear_ratio**2
-    return inertia
+    return robot.parameters.rotor_inertia * robot.parameters.gear_ratio**2
 
 
 def loop_inertia(robot: RobotModel) -> Vector:

@@ -102,8 +102,7 @@ class ForceFaultConfig(Config):
             return last
         if self.kind == "jitter":
             evenly = 0.5 * math.erfc(white_noise(sources, tick).item(0) / math.sqrt(2.0))
-            late: Array = earlier[min(int(len(earlier) * evenly), len(earlier) - 1)]
-            return late
+            return earlier[min(int(len(earlier) * evenly), len(earlier) - 1)]
         if self.kind == "scale":
             return self.value * reading
         if self.kind == "noise":

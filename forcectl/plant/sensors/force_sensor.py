@@ -51,8 +51,7 @@ def white_noise(sources: tuple[tuple[int, int], ...], tick: int) -> NDArray[np.f
         sources: per channel a (seed, element), each >= 0: channels with equal ones draw the same numbers.
     """
     chunk, index = divmod(tick, _CHUNK)
-    row: NDArray[np.float64] = _noise_chunk(sources, chunk)[index]
-    return row
+    return _noise_chunk(sources, chunk)[index]
 
 
 class Converter(NamedTuple):
@@ -195,8 +194,7 @@ class ForceDigitiser(SensorElectronics):
 
     def feels(self, context: Context) -> NDArray[np.float64]:
         """The force."""
-        force: NDArray[np.float64] = self._force.Eval(context)
-        return force
+        return self._force.Eval(context)
 
     def _reading(self, context: Context, output: BasicVector) -> None:
         self.write(output, self.read(context, self._force.Eval(context)))

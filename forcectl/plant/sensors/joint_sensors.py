@@ -99,8 +99,7 @@ def quantised(values: Array, quantum: Array) -> Array:
     """Whole quanta; as they are where the quantum is zero."""
     exists = quantum > 0
     step = np.where(exists, quantum, 1.0)
-    rounded: Array = np.where(exists, step * np.floor(values / step + 0.5), values)
-    return rounded
+    return np.where(exists, step * np.floor(values / step + 0.5), values)
 
 
 class JointSensors(SampledBatch):

@@ -251,8 +251,7 @@ class Explorer:
     def inertia(self, q: Array) -> Array:
         """Of each joint with the others at rest, without rotors and tools, (n,) [kg m2]."""
         self._move(q)
-        inertia: Array = np.diag(self.plant.CalcMassMatrix(self._context))[self._v]
-        return inertia
+        return np.diag(self.plant.CalcMassMatrix(self._context))[self._v]
 
     def explore(self, length: float) -> Found:
         """Move to random postures, the same each time.
@@ -318,8 +317,7 @@ class Explorer:
         """Spatial velocity of the TCP of an arm per speed of its joints."""
         world, velocity = self.plant.world_frame(), JacobianWrtVariable.kV
         J = self.plant.CalcJacobianSpatialVelocity(self._context, velocity, arm.tcp_frame, np.zeros(3), world, world)
-        mine: Array = J[:, self._v[arm.joints]]
-        return mine
+        return J[:, self._v[arm.joints]]
 
     def _reach(self, arm: ArmParts) -> float:
         base = self._first[arm.joints.start].CalcPoseInWorld(self._context).translation()

@@ -121,5 +121,4 @@ def _named(
 
 def _rows(log: Any, name: str) -> NDArray[np.float64]:
     """A signal, shape (k, n)."""
-    values: NDArray[np.float64] = log[name].values.reshape(log.sizes["time"], -1)
-    return values
+    return log[name].values.reshape(log.sizes["time"], -1)

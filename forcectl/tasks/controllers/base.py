@@ -111,8 +111,7 @@ class TaskControllerConfig(Config):
 
         def criterion(part: Any, key: str, constraints: Sequence[Constraint]) -> AnyCriterion:
             wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
-            made: AnyCriterion = made_by(part, "criterion", key, AnyCriterion, wanted, setting)
-            return made
+            return made_by(part, "criterion", key, AnyCriterion, wanted, setting)
 
         if not modes:
             _check_coordinates(tasks, robot)

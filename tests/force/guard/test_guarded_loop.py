@@ -42,8 +42,7 @@ def outcome(controller: Any, duration: float, faults: Any = (), **changed: Any) 
 
 
 def signal(run: VariantOutcome, name: str) -> np.ndarray:
-    found: np.ndarray = run.log[name].values.reshape(run.log.sizes["time"], -1)[:, 0]
-    return found
+    return run.log[name].values.reshape(run.log.sizes["time"], -1)[:, 0]
 
 
 def kinds(run: VariantOutcome) -> set[str]:

@@ -21,8 +21,7 @@ def moved(controller: InvarianceController, ticks: int, approach: Any, desired: 
 
 
 def along(log: dict[str, np.ndarray]) -> np.ndarray:
-    height: np.ndarray = tips(log)[:, 2]
-    return height
+    return tips(log)[:, 2]
 
 
 def wall(normal: tuple[float, float, float], distance: float) -> CartesianWall:

@@ -88,8 +88,7 @@ def test_the_path_in_the_unconstrained_directions_is_followed() -> None:
     path = TangentialMotionConfig(distance=0.03, speed=0.02).trajectory(model.robot, model.start, model.n)
 
     def reference(k: int) -> np.ndarray:
-        positions: np.ndarray = path.value(min(k * PERIOD, path.end_time())).ravel()
-        return positions
+        return path.value(min(k * PERIOD, path.end_time())).ravel()
 
     log = drive(make(), 1100, reference=reference)
     for tick in (200, 500, 900, 1099):

@@ -46,8 +46,7 @@ def run(controller: dict[str, Any] | InvarianceRobotConfig, fidelity: str, durat
 
 
 def force(log: xr.Dataset) -> np.ndarray:
-    values: np.ndarray = log.squeeze()["measured_force"].values
-    return values
+    return log.squeeze()["measured_force"].values
 
 
 # --- in the loop ------------------------------------------------------------------------------------------------------

@@ -183,8 +183,7 @@ def height_of(profile: SurfaceProfile, s: float) -> float:
     block = SurfaceHeight(profile)
     context = block.CreateDefaultContext()
     block.GetInputPort("path_position").FixValue(context, [s])
-    value: float = block.GetOutputPort("surface_height").Eval(context).item()
-    return value
+    return block.GetOutputPort("surface_height").Eval(context).item()
 
 
 @pytest.mark.parametrize("s", [-1e9, -0.2, 0.0, 0.2, 1e9])

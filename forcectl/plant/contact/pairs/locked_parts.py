@@ -39,5 +39,4 @@ def holding_wrench(stiffness: Array, displaced: Array, mobility: Array, free: Ar
     """
     damper = (SETTLING + step) * stiffness
     then = np.linalg.solve(np.eye(6) + step * mobility * damper, free - step * mobility @ (stiffness * displaced))
-    found: Array = -stiffness * displaced - damper * then
-    return found
+    return -stiffness * displaced - damper * then

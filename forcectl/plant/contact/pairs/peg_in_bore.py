@@ -185,5 +185,4 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
         slip = (every @ then).reshape(-1, 3) - apart[:, None] * n
         along = c.friction * pressed * touch.shares / np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
     force = (pressed * touch.shares)[:, None] * n - along[:, None] * slip
-    wrench: Array = force.ravel() @ every
-    return wrench
+    return force.ravel() @ every

@@ -50,8 +50,7 @@ def mobility_of(plant: MultibodyPlant, frame: Frame, step: float) -> Array:
             mass[row, row] += step * gains.d + step**2 * gains.p
     world = plant.world_frame()
     J = plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, np.zeros(3), world, frame)
-    found: Array = J @ np.linalg.solve(mass, J.T)
-    return found
+    return J @ np.linalg.solve(mass, J.T)
 
 
 class StepAhead:
