@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from forcectl.arrays import Array
 from forcectl.diagrams.workcell import Workcell
-
-Array = NDArray[np.float64]
 
 # What they follow from: outputs of a station, read at every tick if they are not logged anyway.
 SOURCES = ("link_position", "motor_velocity")

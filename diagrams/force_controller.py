@@ -6,10 +6,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, PassThrough
 
+from forcectl.arrays import Array
 from forcectl.diagrams.guarded import guarded
 from forcectl.errors import BadInputError
 from forcectl.estimation.surface_offset import Sliding
@@ -205,7 +205,7 @@ def _suffixes(model: PlantModel) -> list[str]:
     return [""] if model.size == 1 else [f"_{arm or i + 1}" for i, arm in enumerate(model.arms)]
 
 
-def _direction(model: PlantModel) -> NDArray[np.float64]:
+def _direction(model: PlantModel) -> Array:
     """J^-1 n at the start, shape (n_q,) [rad/m]."""
     robot = model.known_robot()
     return joint_direction(robot.jacobian(robot.context_at(model.start)), model.n)

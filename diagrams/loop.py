@@ -15,10 +15,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 
+from forcectl.arrays import Array
 from forcectl.conventions import SIGNAL_UNITS, SIGNALS, TRUTH, unit_of
 from forcectl.diagrams.chain import check_stability
 from forcectl.diagrams.components import components_of
@@ -126,7 +125,7 @@ class Loop(LoggedLoop):
         """The workcell."""
         return self.setting.workcell
 
-    def derived(self, values: NDArray[np.float64], probed: Mapping[str, Derived]) -> dict[str, Derived]:
+    def derived(self, values: Array, probed: Mapping[str, Derived]) -> dict[str, Derived]:
         """Signals that follow from the log (n, k) and from the samples of the probes, by name.
 
         The displacement and the pose of the tool of a robot, torques and sticking are not needed tick by tick.

@@ -8,9 +8,9 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, PortDataType, System
 
+from forcectl.arrays import Vector
 from forcectl.conventions import SIGNALS
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.force.kinematic_inversion import check_start_posture
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from forcectl.diagrams.station import StationConfig
 
-Vector = NDArray[np.float64]
 MOST_STEPS = 100  # of the plant in a tick
 _PERIOD = "station.period (null: the robot's)"
 

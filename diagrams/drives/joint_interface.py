@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
+from forcectl.arrays import Array
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, invalid
@@ -40,7 +40,6 @@ from forcectl.robot.model import RobotModel
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-Array = NDArray[np.float64]
 LARGEST_STEP = 0.002  # [s] of the plant, for the servo loops
 COMMANDS = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward")
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import LinearSystem
 
+from forcectl.arrays import Vector
 from forcectl.diagrams.drives.motor_side import MotorSide
 from forcectl.diagrams.drives.torque_interface import TorqueInterface
 from forcectl.diagrams.mechanics.site import Site
@@ -38,7 +38,6 @@ from forcectl.robot.model import RobotModel
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-Vector = NDArray[np.float64]
 _LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its own
 
 

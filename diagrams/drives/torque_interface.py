@@ -6,9 +6,9 @@ Has the ports of `forcectl.plant.drives.drive.Drive` and takes its place in the 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 
+from forcectl.arrays import Vector
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError
 from forcectl.framework.block import PythonDiagram
@@ -17,7 +17,6 @@ from forcectl.plant.drives.joint_impedance import GravityCompensation, JointImpe
 from forcectl.plant.drives.motors import MOTOR_PORTS, joint_to_motor, rotor_inertia
 from forcectl.plant.drives.torque_drive import TorqueDrive
 
-Vector = NDArray[np.float64]
 _MOST_TAKEN = 1.7  # of a motor's speed per tick; it grows from 2 on
 
 

@@ -18,7 +18,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
@@ -32,6 +31,7 @@ from pydrake.systems.primitives import (
     PassThrough,
 )
 
+from forcectl.arrays import Vector
 from forcectl.diagrams.fidelities.light import add_sensors, check_one_sided
 from forcectl.diagrams.mechanics.assembly import Assembly, selector
 from forcectl.diagrams.mechanics.environment_body import drive_surface
@@ -47,8 +47,6 @@ from forcectl.motion.loads import add_loads, loaded_frames
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
 from forcectl.plant.tip_kinematics import TipDisplacement
 from forcectl.plant.tip_load import HeldPart, LoadTruth, TipLoad
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)

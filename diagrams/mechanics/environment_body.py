@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import AddContactMaterial, Box, GeometryId, ProximityProperties
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
@@ -31,6 +30,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import MatrixGain
 
+from forcectl.arrays import Array
 from forcectl.diagrams.mechanics.pressure_patch import add_slab
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, about
@@ -126,7 +126,7 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
     return weld, plant.RegisterCollisionGeometry(skin, X_BS @ block, Box(1.0, 1.0, depth), "contact_surface", material)
 
 
-def touching_points(contact: Contact) -> NDArray[np.float64]:
+def touching_points(contact: Contact) -> Array:
     """What of the tool touches a surface, from the TCP at the start in the world, shape (N, 3) [m]; usually the TCP."""
     points = getattr(contact.environment, "touching_points", lambda: np.zeros((1, 3)))()
     rotation = contact.robot.pose(contact.robot.context_at(contact.start)).rotation().matrix()

@@ -13,7 +13,6 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
@@ -29,8 +28,6 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, RigidBody
 
 from forcectl.plant.contact.patch import PatchConfig, patch_points
-
-Array = NDArray[np.float64]
 
 _SLAB, _WIDE = 0.05, 1.0  # h, and width of the slab [m]
 _BLOCK = 0.01  # thickness of the tool's end [m]

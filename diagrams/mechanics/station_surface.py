@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, Gain
 
+from forcectl.arrays import Vector
 from forcectl.diagrams.mechanics.assembly import Assembly, check_reads
-from forcectl.diagrams.workcell import Contact, Vector, Workcell
+from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, about
 from forcectl.framework.wiring import affine, input_names, output_names, through
 from forcectl.plant.contact.contact_monitor import ContactMonitor

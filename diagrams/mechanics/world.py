@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import (
     AddContactMaterial,
     Box,
@@ -50,7 +49,6 @@ from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
 from forcectl.plant.drives.joint_friction import COULOMB_STEEPNESS, add_coulomb_friction
 from forcectl.robot.parts import RobotParts, add_plant, add_robot
 
-Vector = NDArray[np.float64]
 _OBSTACLE = Rgba(0.75, 0.6, 0.42, 1.0)
 _LINK_FRICTION = 0.5
 _SHARPEST = 1e-3  # [m] radius of a ball that stands for a point

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.insertion import BESIDE, DEPTHS, check_seat, part_orientation, part_rows
 from forcectl.analysis.slot import WithoutFigures, check_parts
+from forcectl.arrays import Array
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
-
-Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from forcectl.analysis.slot import WithoutFigures
 from forcectl.analysis.stretches import stretches
 from forcectl.analysis.tables.motion_tables import FORCE_METRICS
+from forcectl.arrays import Array
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _LEAST = 1e-6  # [N, Nm] from here on something acts
 _CONTACT_BEGINS = 0.2  # [s] of a contact that are not judged

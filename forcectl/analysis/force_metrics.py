@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 from forcectl.analysis.stretches import stretches
 from forcectl.analysis.tables.metric_tables import GAINS, MOTION_METRICS, STEP_METRICS, TUNING_METRICS
 from forcectl.analysis.tracking_metrics import tracking_metrics
+from forcectl.arrays import Array
 
-Signal = NDArray[np.float64]
+Signal = Array
 
 _STEP_SAMPLES = 2  # in which a step of the reference is done
 _MOTION_BAND = 0.02  # of the reference

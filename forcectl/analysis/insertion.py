@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from forcectl.analysis.slot import CONTACT_TRUTH, check_modes, check_parts, variants_of
 from forcectl.analysis.transitions import Stay, stays
+from forcectl.arrays import Array
 from forcectl.diagrams.model import Setting
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from forcectl.diagrams.log import LoggedSignal
 
-Array = NDArray[np.float64]
 _ROUNDING = 1e-9  # [s]
 DEPTHS = "above 0 and at most 1"  # [m] of a bore
 BESIDE = 0.01  # [m] from the axis, from where on a part stands beside the other one

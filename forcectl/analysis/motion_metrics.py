@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.plant.plant_model import PlantModel
 
 _REST, _REST_TIME = 2e-3, 0.2  # [rad], [s]
@@ -45,7 +46,7 @@ def _smoothness(log: Any, truth: PlantModel) -> dict[str, float | None]:
     }
 
 
-def _jerk(log: Any, truth: PlantModel) -> NDArray[np.float64]:
+def _jerk(log: Any, truth: PlantModel) -> Array:
     """Of the reference at every tick from the third one on, (ticks - 2, n) [rad/s^3]."""
     return np.diff(log["joint_velocity_command"].values, 2, axis=0) / truth.period**2
 
@@ -68,9 +69,7 @@ def smoothness(log: Any, truth: PlantModel, ticks: NDArray[np.bool_]) -> dict[st
     }
 
 
-def reversals_at_rest(
-    position: NDArray[np.float64], speed: NDArray[np.float64], period: float, counted: NDArray[np.bool_] | None = None
-) -> float:
+def reversals_at_rest(position: Array, speed: Array, period: float, counted: NDArray[np.bool_] | None = None) -> float:
     """The most reversals of one joint at rest within a second.
 
     A joint is at rest at a tick when its reference stayed within 2 mrad for 0.2 s until then. It reverses where its

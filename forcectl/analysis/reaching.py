@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Box
 
 from forcectl.analysis.slot import variants_of
+from forcectl.arrays import Array
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.diagrams.model import Setting
@@ -26,8 +26,6 @@ from forcectl.tasks.task_parts import start_motion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.analysis.tables.metric import Metric
+from forcectl.arrays import Array
 
-Signal = NDArray[np.float64]
+Signal = Array
 
 _REGULAR = 0.02  # share by which periods of the reference may differ
 _OF_BOTH: dict[str, Metric] = {

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.slot import variants_of
 from forcectl.analysis.stretches import stretches
+from forcectl.arrays import Array
 from forcectl.diagrams.model import Setting
 from forcectl.errors import unknown
 from forcectl.estimation.wrench_between import moved_wrench, opposite_mean
@@ -24,7 +24,6 @@ from forcectl.plant.plant_model import PlantModel
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 _LEAST = 1e-6  # [N, Nm] from here on something acts
 _FELT = {"felt_after_52_ms_pct": (0.052, 1 / 2), "felt_after_200_ms_pct": (0.2, 5 / 6)}  # [s], share of the load
 _DIRECTIONS = {"z": (5,), "xy": (3, 4)}

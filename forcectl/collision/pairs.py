@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.collision.shapes import RobotShapes, Solid, cover
 from forcectl.errors import BadInputError
 from forcectl.robot.joint_tree import TreeState
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _TINY = 1e-9  # [m]

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import (
     Box,
     Capsule,
@@ -36,12 +35,11 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.robot.joint_tree import JointTree
 from forcectl.robot.meshes import Enclosure, enclosure
 from forcectl.robot.parts import RobotParts, Tool, add_robot
-
-Array = NDArray[np.float64]
 
 _ROW = 6  # balls at most
 

@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context
 
+from forcectl.arrays import Array
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check_order
 from forcectl.framework.sampled_block import Memory, SampledBatch
 
@@ -107,7 +107,7 @@ class EnvironmentComplianceEstimator(SampledBatch):
         self.DeclareVectorOutputPort("environment_compliance", size, self._environment, prerequisites_of_calc=reads)
         self.DeclareVectorOutputPort("compliance", size, self._total, prerequisites_of_calc=reads)
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """The bounds are in order."""
         check_order("lower_bound", "upper_bound", values)
 

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.sampled_block import Memory, SampledBatch
@@ -103,7 +103,7 @@ class ExcitedCompliance(SampledBatch):
         self.show_held("environment_compliance")
         self.show_held("learning")
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """Both filters are stable and do not alternate; the range is one."""
         for name in ("bandwidth", "drift_bandwidth"):
             if not (values[name] * self._period < 1).all():

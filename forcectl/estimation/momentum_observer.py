@@ -22,9 +22,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import BatchParameter, batch_values, check
 from forcectl.framework.block import scratch
@@ -32,8 +33,6 @@ from forcectl.framework.kernels import all_finite, largest, smallest
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, mean_features
 from forcectl.robot.momentum_model import MomentumModel
-
-Array = NDArray[np.float64]
 
 _MEMORY = (
     *("external_torque", "residual", "torque_balance", "reading_ok", "frozen"),

@@ -15,13 +15,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
+from forcectl.arrays import Array
 from forcectl.framework.batch import check
 from forcectl.framework.sampled_block import Memory
-
-Array = NDArray[np.float64]
 
 _BRIEF = 0.008  # [s] until a joint is believed again that was slow and goes on in the same direction
 _STANDSTILL = 0.06  # [s] after which it has to prove itself as after a reversal

@@ -16,9 +16,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.batch import SCALAR_MATH, BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.sampled_block import Memory, SampledBatch
@@ -118,7 +119,7 @@ def recursive_vrft(
     prefilter: bool = True,
     initial_covariance: float = 100.0,
     forgetting: float = 1.0,
-) -> NDArray[np.float64]:
+) -> Array:
     """Gains after each sample of a recorded experiment.
 
     Args:
@@ -244,7 +245,7 @@ class RecursiveVrft(SampledBatch):
             self.batch_value(self._highest),
         )
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """The reference model is stable and does not alternate."""
         if not (values["bandwidth"] * self._period < 1).all():
             limit = f"below 1/period = {1 / self._period:g} rad/s"

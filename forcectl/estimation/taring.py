@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.batch import check
 from forcectl.framework.sampled_block import Memory
-
-Array = NDArray[np.float64]
 
 _PART = 0.1  # [s] of a mean in the window
 _REMEMBERED = ("zero", "tared", "mean", "past")

@@ -17,11 +17,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 from scipy.linalg.lapack import dgesdd, dposv
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import check
 from forcectl.framework.block import scratch
@@ -29,7 +29,6 @@ from forcectl.framework.kernels import is_definite
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.robot.momentum_model import MomentumModel
 
-Array = NDArray[np.float64]
 _LEAST = 1e-6  # smaller limits, relative to all singular values and squared, are left to these values themselves
 
 

@@ -11,17 +11,15 @@ It is the wrench between the arms as long as neither touches anything else.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid, unknown
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import cross
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.robot_motion import pose_parts
-
-Array = NDArray[np.float64]
 
 
 def moved_wrench(wrench: Array, by: Array) -> Array:

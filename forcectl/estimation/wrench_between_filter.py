@@ -14,16 +14,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.estimation.wrench_filter import MovingJointsFilter
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.robot.momentum_model import MomentumModel
 from forcectl.robot.parts import ArmParts
-
-Array = NDArray[np.float64]
 
 
 class WrenchBetweenFilter(MovingJointsFilter):

@@ -15,10 +15,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError
 from forcectl.estimation.moving_joints import Felt, MovingJoints
 from forcectl.estimation.taring import Taring
@@ -28,8 +28,6 @@ from forcectl.framework.kernels import all_finite, left_free
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.plant.drives.joint_friction import JointFriction, sliding_friction_torque
 from forcectl.robot.momentum_model import MomentumModel
-
-Array = NDArray[np.float64]
 
 _DOUBT = 0.05  # below which a joint is believed
 _NEEDED = 0.1  # share of a motion that leaves the frame where it is, from which on the joint is needed

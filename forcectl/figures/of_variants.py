@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.figures.force import colour_of, legend_above, stacked
-
-Array = NDArray[np.float64]
 
 _LIMIT: dict[str, Any] = {"color": "0.4", "lw": 0.9, "ls": (0, (2, 2))}
 

@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.figures.force import COLOURS, colour_of, legend_above, stacked
-
-Array = NDArray[np.float64]
 
 
 def reach_figure(log: Any, distance: Array, every: int, title: str = "") -> Figure:

@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from forcectl.arrays import Array
 
 BANDS = (0.05, 0.02)  # of the reference, in which a force is settled
 _SHADES = ("#ececec", "#d9d9d9")

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.figures.force import COLOURS, stacked
 from forcectl.figures.targets import GREY
-
-Array = NDArray[np.float64]
 
 _NOTHING = 1e-3  # of the largest force, a difference that nobody sees
 

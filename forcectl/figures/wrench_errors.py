@@ -6,11 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.figures.force import COLOURS, colour_of, frame, plain_names
-
-Array = NDArray[np.float64]
 
 
 def error_figure(errors: Mapping[str, Mapping[str, Array]], title: str = "") -> Figure:

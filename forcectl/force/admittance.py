@@ -26,10 +26,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid, unknown
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order
 from forcectl.framework.block import PythonDiagram
@@ -87,7 +88,7 @@ def admittance_response(inertia: float, damping: float, period: float, arrangeme
     # From x[k], x'[k] the generator stops within the tick, half a step further on: Algorithm 3.
     stopping = 0.5 * period if arrangement == "increment" else 0.0
     columns = [admittance_step(x, v, mu, inertia, damping, period) for x, v, mu in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
-    a: NDArray[np.float64] = np.transpose(columns)
+    a: Array = np.transpose(columns)
     a[0, 1] += stopping
     b = np.reshape(admittance_step(0.0, 0.0, 1.0, inertia, damping, period), (2, 1))
     return state_space(a, b, a, b, period)
@@ -167,7 +168,7 @@ class AdmittanceFilter(SampledBatch):
         for name in ("position", "velocity"):
             self.show_held(f"last_{name}", name)
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """The filter alone is stable, and the limits are in order."""
         least = 0.5 * self._period * values["damping"]
         if not np.all(values["inertia"] > least):

@@ -14,18 +14,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 from scipy.linalg.lapack import dgesv
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.models import ROBOT_PARAMETERS, parameter_file, robot_and_arm
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
-Vector = NDArray[np.float64]
 DAMPING = 0.05  # lambda_max of the damped inverse [m]
 _NO_ROTATION = np.zeros(3)
 

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import BatchParameter, BatchValue, check_order
 from forcectl.framework.linear_batch import state_space
@@ -109,7 +110,7 @@ class ForceLaw(SampledBatch):
         self.declare_memory({"displacement_command": 0.0, **memory}, ports, period)
         self.show("displacement_command", *shows)
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """The limits are in order."""
         check_order("lower_limit", "upper_limit", values)
 
@@ -124,7 +125,7 @@ class ForceLaw(SampledBatch):
         packed = self._pack(start)
         numbers = range(1, len(packed))  # the first one is the time
 
-        def after(state: NDArray[np.float64], force: float) -> NDArray[np.float64]:
+        def after(state: Array, force: float) -> Array:
             memory = self.step(context, self._unpack(state), rest | {"measured_force": force})
             return (self._pack(memory | {"time": 0.0}) - packed)[1:] / _SMALL
 

@@ -15,10 +15,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.fields import interval
@@ -54,7 +55,7 @@ class BatchParameter:
     unit: str = ""
 
 
-def batch_values(name: str, value: ArrayLike, size: int, allowed: str = "finite") -> NDArray[np.float64]:
+def batch_values(name: str, value: ArrayLike, size: int, allowed: str = "finite") -> Array:
     """`value` as an array of shape (size,), checked.
 
     Raises:
@@ -98,7 +99,7 @@ def whole_multiple(name: str, value: float, period: float, period_name: str) -> 
     return round(ratio)
 
 
-def check_order(lower: str, upper: str, values: Mapping[str, NDArray[np.float64]]) -> None:
+def check_order(lower: str, upper: str, values: Mapping[str, Array]) -> None:
     """BadInputError unless `lower` is at most `upper` in every batch element."""
     if np.any(values[lower] > values[upper]):
         raise invalid(lower, values[lower].tolist(), f"at most {upper} = {values[upper].tolist()}")
@@ -148,14 +149,14 @@ class BatchBlock(PythonBlock):
         self.check_together({n: self.parameter(context, n) for n in self._index} | {name: checked})
         context.get_mutable_numeric_parameter(index).SetFromVector(checked)
 
-    def parameter(self, context: Context, name: str) -> NDArray[np.float64]:
+    def parameter(self, context: Context, name: str) -> Array:
         """A parameter as it stands in this block's context, shape (n,)."""
         return context.get_numeric_parameter(self._find(name)).CopyToVector()
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """Raise BadInputError when parameters that are fine alone do not fit each other; nothing by default."""
 
-    def _checked(self, name: str, value: ArrayLike) -> NDArray[np.float64]:
+    def _checked(self, name: str, value: ArrayLike) -> Array:
         return batch_values(f"{type(self).__name__}.{name}", value, self._size, self._allowed[name])
 
     def _find(self, name: str) -> int:
@@ -177,11 +178,11 @@ class BatchBlock(PythonBlock):
             return {name: np.where(condition, value, old[name]) for name, value in new.items()}
         return new if condition else {name: old[name] for name in new}
 
-    def batch_value(self, vector: NDArray[np.float64]) -> BatchValue:
+    def batch_value(self, vector: Array) -> BatchValue:
         """A vector of shape (n,) as the equations want it."""
         return vector if self._shape else vector.item()
 
-    def unstack(self, vector: NDArray[np.float64]) -> Any:
+    def unstack(self, vector: Array) -> Any:
         """A stacked vector of shape (k n,) as k batch values."""
         return vector.reshape(-1, self._size) if self._shape else vector.tolist()
 
@@ -192,6 +193,6 @@ class BatchBlock(PythonBlock):
         else:
             vector.SetAtIndex(0, value)
 
-    def stack(self, *values: BatchValue) -> NDArray[np.float64]:
+    def stack(self, *values: BatchValue) -> Array:
         """k batch values as one vector of shape (k n,)."""
         return np.concatenate(values) if self._shape else np.array(values)

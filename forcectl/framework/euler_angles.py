@@ -19,12 +19,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from forcectl.arrays import Array
 from forcectl.framework.batch import check
 from forcectl.framework.rotation_vector import OrientationState, transposed
-
-Array = NDArray[np.float64]
 
 SMALLEST = 0.05  # e [1]: 2.9 degrees from the singularity
 _ALIGNED = 1e-9  # cos theta from which on phi and psi are rounding errors

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgeqrf, dormqr, dposv, dpotrf
 
+from forcectl.arrays import Array
+
 _TOUCHES = 1e-9  # a row that is missed by less holds with equality
 
 
@@ -25,13 +27,13 @@ def smallest(array: NDArray[Any]) -> Any:
     return array.item(array.argmin())
 
 
-def is_definite(matrix: NDArray[np.float64]) -> bool:
+def is_definite(matrix: Array) -> bool:
     """Whether a symmetric matrix of finite numbers is positive definite, at a fifth of the cost of its eigenvalues."""
     failed: int = dpotrf(matrix, clean=0)[1]
     return failed == 0
 
 
-def all_finite(*arrays: NDArray[np.float64]) -> bool:
+def all_finite(*arrays: Array) -> bool:
     """Whether all elements are finite; a sum of squares tells it in a fifth of the time, unless it overflows."""
     total = 0.0
     for array in arrays:
@@ -39,19 +41,19 @@ def all_finite(*arrays: NDArray[np.float64]) -> bool:
     return math.isfinite(total) or all(np.isfinite(array).all() for array in arrays)
 
 
-def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross(a: Array, b: Array) -> Array:
     """The vector product a x b of two vectors (3,), in a tenth of the time of numpy's."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
-def cross_matrix(a: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross_matrix(a: Array) -> Array:
     """[a]x, (3, 3), of a vector (3,): [a]x b = a x b."""
     x, y, z = a.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def left_free(rows: NDArray[np.float64], pick: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def left_free(rows: Array, pick: Array) -> Array | None:
     """Orthonormal columns (n, n - m) that span what rows (m, n) leave free, in a fifth of the time of numpy's; or None.
 
     Householder, so exact at any rank.
@@ -64,17 +66,17 @@ def left_free(rows: NDArray[np.float64], pick: NDArray[np.float64]) -> NDArray[n
     factor, tau, _, info = dgeqrf(rows.T)
     if info != 0:
         return None
-    columns: NDArray[np.float64]
+    columns: Array
     columns, _, info = dormqr("L", "N", factor, tau, pick, 64 * pick.shape[1])
     return columns if info == 0 else None
 
 
 def keeps(
-    u: NDArray[np.float64],
-    reached: NDArray[np.float64],
-    upper: NDArray[np.float64],
-    u_lower: NDArray[np.float64],
-    u_upper: NDArray[np.float64],
+    u: Array,
+    reached: Array,
+    upper: Array,
+    u_lower: Array,
+    u_upper: Array,
     tolerance: float,
 ) -> bool:
     """Whether u, with E u = `reached`, is beyond no upper row or bound by more than the tolerance."""
@@ -87,13 +89,13 @@ def keeps(
 
 
 def free_optimum(
-    hessian: NDArray[np.float64],
-    gradient: NDArray[np.float64],
-    matrix: NDArray[np.float64],
-    upper: NDArray[np.float64],
-    u_lower: NDArray[np.float64],
-    u_upper: NDArray[np.float64],
-) -> NDArray[np.float64] | None:
+    hessian: Array,
+    gradient: Array,
+    matrix: Array,
+    upper: Array,
+    u_lower: Array,
+    u_upper: Array,
+) -> Array | None:
     """The minimum of u'H u/2 + f'u if it keeps off all rows E u <= upper and bounds of u by 1e-9, else None.
 
     Where they seldom bind it saves a solver half of its time.

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 from pydrake.systems.primitives import LinearSystem
 from scipy.linalg import block_diag
 
+from forcectl.arrays import Matrix
 from forcectl.framework.block import PythonBlock
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-Matrix = NDArray[np.float64]
 WIDE = 32  # batch elements from which on a matrix for each is as fast as one for all; measured
 _LONG = 256  # samples in delay lines from which on a matrix for all is slower; measured
 

@@ -13,11 +13,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from forcectl.arrays import Vector
 from forcectl.errors import invalid
-
-Vector = NDArray[np.float64]
 
 _SMALL = 1e-3  # [rad]; below, the first terms of the series are exact to 1e-15
 

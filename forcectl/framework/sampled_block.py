@@ -16,14 +16,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import ref
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, OutputPort
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import BatchBlock, batch_values, check
 from forcectl.framework.block import BlockCache, PythonBlock, values_of_tick
-
-Vector = NDArray[np.float64]
 
 # Quantities by their names: each a number or an array.
 Memory = Mapping[str, Any]

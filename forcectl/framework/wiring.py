@@ -6,15 +6,12 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, Demultiplexer, Multiplexer
 
+from forcectl.arrays import Matrix
 from forcectl.errors import BadInputError, about
 from forcectl.framework.block import PythonDiagram
-
-Matrix = NDArray[np.float64]
 
 
 def made_by(part: Any, method: str, key: str, kind: Any, wanted: str, *arguments: Any, **named: Any) -> Any:

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.polynomial import Polynomial
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.files.series_file import check_steepest
@@ -93,7 +94,7 @@ class _Excitation:
         lowest = min(trajectory.value(t).item() for t in trajectory.get_segment_times())
         return lowest * float(self._scales(environment_compliance).max())
 
-    def _scales(self, environment_compliance: ArrayLike) -> NDArray[np.float64]:
+    def _scales(self, environment_compliance: ArrayLike) -> Array:
         compliance = np.atleast_1d(np.asarray(environment_compliance, dtype=float))
         return SPRING_STIFFNESS * compliance if self.scale is None else np.full(compliance.size, self.scale)
 

@@ -10,12 +10,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
-
-Array = NDArray[np.float64]
 
 # Plans stay this far inside the limits, relatively, so that rounding does not break them; and the two limits of jerk.
 _MARGIN, _LESS_JERK, _JERK = 1.0 - 1e-9, 1.0 - 2e-9, 1.0 - 1e-9

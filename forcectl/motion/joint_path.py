@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,17 +10,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, OutputPort
 
+from forcectl.arrays import Array
 from forcectl.errors import RunFailedError, about, invalid, show, unknown
 from forcectl.framework.batch import check
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key
 from forcectl.robot.model import RobotModel
 
-Array = NDArray[np.float64]
 _ROUNDING = 1e-9  # [s] of the times of ticks
 _SMALLEST = 1e-6  # [Nm, N] of a load
 

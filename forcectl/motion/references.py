@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.polynomial import Polynomial
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import FunctionHandleTrajectory, PiecewisePolynomial, Trajectory
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
 from forcectl.framework.block import PythonDiagram
@@ -46,7 +47,7 @@ def linear_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomia
     return PiecewisePolynomial.FirstOrderHold(*_points(times, values, least=2))
 
 
-def _points(times: ArrayLike, values: ArrayLike, least: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _points(times: ArrayLike, values: ArrayLike, least: int) -> tuple[Array, Array]:
     """Times (k,) and values (n, k), at least so many."""
     t, each = np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float))
     if t.ndim != 1 or t.size < least or not np.isfinite(t).all() or (np.diff(t) < _SHORTEST).any():
@@ -58,7 +59,7 @@ def _points(times: ArrayLike, values: ArrayLike, least: int) -> tuple[NDArray[np
     return t, each
 
 
-def stack_scaled(trajectory: PiecewisePolynomial, scale: NDArray[np.float64]) -> PiecewisePolynomial:
+def stack_scaled(trajectory: PiecewisePolynomial, scale: Array) -> PiecewisePolynomial:
     """One scalar trajectory times each of `scale` (n,): shape (n, 1)."""
     pieces = []
     for i in range(trajectory.get_number_of_segments()):
@@ -249,7 +250,7 @@ class SineConfig(Config, in_batches=True):
         """Add the block `reference` with the output `desired_force`, shape (n,) [N]."""
         mean, amplitude, rate, start = self.force, self.amplitude, 2 * math.pi * self.frequency, self.start_time
 
-        def value(time: float) -> NDArray[np.float64]:
+        def value(time: float) -> Array:
             return np.full((size, 1), mean + amplitude * math.sin(rate * max(time - start, 0.0)))
 
         trajectory = FunctionHandleTrajectory(value, size, 1, 0.0, math.inf)

@@ -9,10 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.framework.fields import key
@@ -21,7 +21,6 @@ from forcectl.motion.tangential import LineConfig, line_postures
 from forcectl.motion.velocity_generator import VelocityGenerator
 from forcectl.robot.model import RobotModel
 
-Vector = NDArray[np.float64]
 _KNOT = 1e-3  # distance of the points of the line that are solved [m]
 _LONGEST = 2.0  # path [m]
 

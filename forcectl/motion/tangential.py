@@ -10,17 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
 from forcectl.framework.fields import Config, key
 from forcectl.motion.references import Reference
 from forcectl.robot.model import RobotModel
 
-Vector = NDArray[np.float64]
 _NEAREST = 1e-7  # [m] that a motion goes
 _STEEPEST = 0.3  # slope [-], as that of a surface
 _KNOTS, _RAMP_KNOTS = 160, 40  # of the whole move, and further ones in each of its ramps

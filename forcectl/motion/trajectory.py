@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.containers import namedview
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values, check_count
 from forcectl.framework.kernels import largest, smallest
 from forcectl.motion.group_planner import GroupPlan, GroupPlanner
-
-Array = NDArray[np.float64]
 
 SLOWEST = 100.0  # longest time from rest to the velocity limit [s]
 _SAME = 1e-9  # motions that differ by less, relative to the size of the numbers, are one

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.motion.trajectory import Limits, Motion, Planner, Target, TrajectoryState, begin, check_limits_together
 
-Array = NDArray[np.float64]
 _START = ("start_position", "start_velocity", "start_acceleration")
 
 

@@ -15,14 +15,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.framework.kernels import cross_matrix
 from forcectl.robot.model import RobotModel
-
-Array = NDArray[np.float64]
 
 
 def joint_compliance(J: Array, stiffness: Array) -> Array:

@@ -11,18 +11,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import System
 from pydrake.systems.primitives import AffineSystem
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import batch_values, check
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.tip_kinematics import TipDisplacement
 from forcectl.robot.model import RobotModel
 from forcectl.robot.momentum_model import MomentumModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,15 +9,14 @@ with q the motor positions: dx is what a rigid robot would move, the motor side 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from forcectl.arrays import Vector
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import cross
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
-
-Vector = NDArray[np.float64]
 
 
 def tip_displacements(robot: RobotModel, n: Vector, start: Vector, positions: Vector) -> Vector:

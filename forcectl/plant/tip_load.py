@@ -11,18 +11,16 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from forcectl.arrays import Array
 from forcectl.framework.block import PythonBlock, values_of_tick
 from forcectl.plant.contact.contact_truth import BodyContact, ContactPairs, ContactReader, applied_force, wrench_between
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.parts import RobotParts
-
-Array = NDArray[np.float64]
 
 
 def _bodies_beyond(plant: MultibodyPlant, parts: RobotParts) -> list[tuple[set[int], set[int]]]:

@@ -17,9 +17,9 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.solvers import MathematicalProgram
 
+from forcectl.arrays import Vector
 from forcectl.errors import invalid
 from forcectl.framework.kernels import largest
 from forcectl.qp.prioritized_program import Level, PrioritizedProgram, PrioritizedSolution
@@ -27,8 +27,6 @@ from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import Solver, make_solver
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import ConstraintSet, JointTorqueLimit, Rows
-
-Vector = NDArray[np.float64]
 
 _CHANGE = 10.0  # weight of the change of u where it cannot be bounded, beside a curvature of about one
 _HOLDS = -1e-9  # a row that is missed by less holds with equality

@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.solvers import MathematicalProgram
 from pydrake.symbolic import Variable
 
-Array = NDArray[np.float64]
+from forcectl.arrays import Array
 
 _INF = np.array([np.inf])
 

@@ -16,18 +16,17 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.solvers import MathematicalProgram
 from scipy.linalg.lapack import dposv
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check_count
 from forcectl.framework.kernels import all_finite, free_optimum, keeps, largest, left_free
 from forcectl.qp.named_program import Coefficients, NamedProgram
 from forcectl.qp.quadratic_program import QuadraticProgram, Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
-
-Array = NDArray[np.float64]
 
 # What rows have at least below the first level, in their unit: where they leave none, one more or less of them decides
 # by rounding whether a solver finds a point. A tenth of what they may be missed by.

@@ -21,16 +21,15 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.solvers import MathematicalProgram
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check_count
 from forcectl.framework.kernels import all_finite, keeps, largest
 from forcectl.qp.named_program import Coefficients, NamedProgram
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
-
-Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-8  # by how much a row may be missed, relative to its terms [1]
 

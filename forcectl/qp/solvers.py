@@ -12,14 +12,12 @@ from typing import Protocol
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
 from pydrake import solvers
 from pydrake.solvers import SolutionResult, SolverOptions
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError
 from forcectl.qp.named_program import Coefficients, NamedProgram
-
-Array = NDArray[np.float64]
 
 DEFAULT_SOLVER = "daqp"
 

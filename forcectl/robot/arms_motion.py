@@ -9,16 +9,13 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Vector
 from forcectl.errors import unknown
 from forcectl.robot.model import RobotModel
 from forcectl.robot.robot_motion import RobotMotion, pose_parts
-
-Vector = NDArray[np.float64]
 
 
 class _Beside(RobotMotion):

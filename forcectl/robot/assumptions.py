@@ -25,12 +25,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError
 from forcectl.robot.parameters import DERIVED, ControlParameters
-
-Array = NDArray[np.float64]
 
 TWIST = 3e-3  # [rad]
 GEAR_RATIO = 100.0

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, Joint, JointActuator, ModelInstanceIndex, RevoluteJoint, RigidBody
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, check_distinct, invalid
 from forcectl.framework.yaml_tree import place
 from forcectl.models import TOOL_PARAMETERS, parameter_file, tool_folder
@@ -158,7 +158,7 @@ def check_weight(
             raise BadInputError(f"{parameters.model}: {wrong}: must be {allowed}")
 
 
-def principal_moments(body: RigidBody) -> NDArray[np.float64]:
+def principal_moments(body: RigidBody) -> Array:
     """Of the inertia of a body that has mass, about its centre of mass, shape (3,) [kg m2]."""
     inertia = body.default_spatial_inertia()
     moments = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CalcPrincipalMomentsOfInertia()

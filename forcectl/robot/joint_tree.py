@@ -25,9 +25,9 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, JacobianWrtVariable, Joint
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _ORIGIN = np.zeros(3)

@@ -15,12 +15,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RotationMatrix
 from scipy.spatial import ConvexHull, QhullError
 
-Array = NDArray[np.float64]
+from forcectl.arrays import Array
 
 _THINNEST = 1e-3  # [m], of a box: contact needs a volume
 _LONGEST = 30.0  # [m] of a mesh: more is one in millimetres

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
@@ -31,6 +31,7 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import Context, InputPort, LeafSystem
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid, unknown
 from forcectl.framework.block import BlockCache
 from forcectl.models import ROBOT_PARAMETERS, parameter_file, robot_and_arm
@@ -38,7 +39,6 @@ from forcectl.robot.checks import about_file, check_arms
 from forcectl.robot.parameters import ControlParameters
 from forcectl.robot.parts import RobotParts, Tool, add_robot, frame_named
 
-Array = NDArray[np.float64]
 _ORIGIN = np.zeros(3)
 
 

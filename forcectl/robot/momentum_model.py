@@ -12,17 +12,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import check_count
 from forcectl.framework.kernels import largest
 from forcectl.robot.model import PlantJoints
 
-Array = NDArray[np.float64]
 _DIFFERENCE = 1e-5  # largest joint step of the central difference of B [rad] or [m]
 
 

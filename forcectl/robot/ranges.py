@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.arrays import Array
+
 LIGHTEST, HEAVIEST = 1e-9, 1e4  # [kg] of a link that moves
 _AWAY = 5.0  # [m] of a link's origin to its centre of mass, at most
 _WIDEST = 5.0  # [m] radius of gyration of a link, at most
@@ -149,9 +151,7 @@ def wrong_friction(friction: Mapping[str, float]) -> Iterator[str]:
             yield f"{name} = {value:g}: must be from 0 to {_LARGEST[name]:g}"
 
 
-def wrong_body(
-    mass: float, inertias: NDArray[np.float64], centre: list[float], moved: bool, exact: bool = False
-) -> str | None:
+def wrong_body(mass: float, inertias: Array, centre: list[float], moved: bool, exact: bool = False) -> str | None:
     """What is wrong with mass and inertia of a link, in words.
 
     Args:
@@ -193,7 +193,7 @@ def densest_moment(mass: float) -> float:
     return float(0.4 * mass * (3 * mass / (4 * math.pi * _OSMIUM)) ** (2 / 3))
 
 
-def inertia_matrix(entries: Mapping[str, float]) -> NDArray[np.float64]:
+def inertia_matrix(entries: Mapping[str, float]) -> Array:
     """Moments and products of inertia, ixx to iyz, as a matrix (3, 3)."""
     M = np.diag([entries["ixx"], entries["iyy"], entries["izz"]]).astype(float)
     for name, at in (("ixy", (0, 1)), ("ixz", (0, 2)), ("iyz", (1, 2))):

@@ -11,14 +11,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Vector
 from forcectl.framework.kernels import cross_matrix
 from forcectl.robot.model import RobotModel
-
-Vector = NDArray[np.float64]
 
 
 class ContactMotion(NamedTuple):

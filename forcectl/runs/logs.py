@@ -24,10 +24,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 import forcectl
 from forcectl.analysis.force_metrics import model_response
+from forcectl.arrays import Array
 from forcectl.conventions import SIGNALS, TRUTH, unit_of
 from forcectl.diagrams.derived import Derived
 from forcectl.errors import BadInputError, one_line
@@ -36,8 +36,6 @@ from forcectl.framework.files.netcdf_file import check_netcdf
 from forcectl.qp.quadratic_program import Status
 from forcectl.runs.directory import write_file
 from forcectl.scenario.scenario import Scenario
-
-Array = NDArray[np.float64]
 
 
 def _words(numbers: type[IntEnum]) -> tuple[str, ...]:

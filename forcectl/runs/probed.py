@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
+from forcectl.arrays import Array
 from forcectl.diagrams.derived import Derived
 from forcectl.diagrams.loop import Loop
-
-Array = NDArray[np.float64]
 
 
 class Probed:

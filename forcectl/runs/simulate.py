@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, System
 
 from forcectl.analysis.findings.finding import RunFinding
+from forcectl.arrays import Array
 from forcectl.diagrams.loop import Loop
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError, RunFailedError, place_in_code
@@ -25,7 +25,6 @@ from forcectl.runs.probed import Probed
 from forcectl.scenario.gains import FoundGains, asks_for_gains, identifications, text_of, with_gains
 from forcectl.scenario.scenario import Scenario, build
 
-Array = NDArray[np.float64]
 CHUNK = 0.25  # [s] of simulated time between two looks at the log
 FOUND: dict[str, dict[str, float | None]] = {}  # text of an experiment that finds gains -> its metrics, in this process
 MOST_FOUND = 100  # of them that are kept

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
+from forcectl.arrays import Array
 from forcectl.conventions import unit_of
 from forcectl.diagrams.log import LoggedLoop, LoggedSignal
 from forcectl.diagrams.model import Setting
@@ -25,8 +25,6 @@ from forcectl.scenario.scenario import Scenario
 MOST = 200  # elements of a batch; more are hardly faster
 _MOST_SAMPLES = 2e7  # of the signals of all elements
 _ROWS = 10  # signals of an element, about
-
-Array = NDArray[np.float64]
 
 
 def batch_size(scenario: Scenario) -> int:

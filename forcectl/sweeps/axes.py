@@ -18,6 +18,7 @@ from pydrake.common import schema
 from scipy import stats
 from scipy.stats import qmc
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import Tagged, Tree, dump, is_object, plain
@@ -57,7 +58,7 @@ class Axis:
     distribution: str = ""
     numbers: Mapping[str, float] = field(default_factory=dict)
 
-    def draw(self, uniform: NDArray[np.float64]) -> NDArray[np.float64]:
+    def draw(self, uniform: Array) -> Array:
         """Coordinates: values of a distribution, positions in a list.
 
         Args:
@@ -159,7 +160,7 @@ def _number(where: str, value: Any) -> float:
     return float(value)
 
 
-def _quantile(tag: str, numbers: Mapping[str, float], uniform: NDArray[np.float64]) -> NDArray[np.float64]:
+def _quantile(tag: str, numbers: Mapping[str, float], uniform: Array) -> Array:
     if tag == "Deterministic":
         return np.full(uniform.shape, numbers["value"])
     if tag == "Gaussian":
@@ -177,7 +178,7 @@ def is_plain(value: Any) -> bool:
     return all(map(is_plain, value)) if isinstance(value, list | tuple) else True
 
 
-def draw(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) -> tuple[NDArray[np.float64], int]:
+def draw(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) -> tuple[Array, int]:
     """The points of a sweep, and how many were left out because of the conditions.
 
     Args:
@@ -219,7 +220,7 @@ def draw(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) ->
     return found, drawn - len(found)
 
 
-def _uniform(config: SweepConfig, size: int, conditions: bool) -> Iterator[NDArray[np.float64]]:
+def _uniform(config: SweepConfig, size: int, conditions: bool) -> Iterator[Array]:
     """Points in the unit cube, in pieces."""
     generator, wanted = np.random.default_rng(config.seed), config.trials or 1
     if config.design == "latin_hypercube":
@@ -232,7 +233,7 @@ def _uniform(config: SweepConfig, size: int, conditions: bool) -> Iterator[NDArr
         yield generator.random((count, size)) if sobol is None else sobol.random_base2((count - 1).bit_length())
 
 
-def _meeting(points: NDArray[np.float64], axes: list[Axis], conditions: list[Expression]) -> NDArray[np.intp]:
+def _meeting(points: Array, axes: list[Axis], conditions: list[Expression]) -> NDArray[np.intp]:
     """Which points meet the conditions."""
     if not conditions:
         return np.arange(len(points))
@@ -244,7 +245,7 @@ def _meeting(points: NDArray[np.float64], axes: list[Axis], conditions: list[Exp
     return np.flatnonzero([meets(point) for point in points.tolist()])
 
 
-def _saltelli(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) -> NDArray[np.float64]:
+def _saltelli(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) -> Array:
     """Points A, B and, for each key, A with that column of B: what `scipy.stats.sobol_indices` wants."""
     count, size = config.trials or 1, len(axes)
     if conditions:

@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import forcectl
 from forcectl.analysis.tables.metric_tables import METRICS, compared_unit, is_metric, metric_range, unknown_metric
 from forcectl.analysis.tables.reference import analyses_of
 from forcectl.analysis.tables.task_tables import MODE_METRICS
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.expression_units import check_units
@@ -75,7 +75,7 @@ class Study:
     file: ScenarioFile
     variant: str
     axes: list[Axis]
-    points: NDArray[np.float64]
+    points: Array
     left_out: int
     text: str
 

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.estimation.wrench_between import moved_wrench
 from forcectl.framework.batch import check_count
@@ -22,8 +22,6 @@ from forcectl.framework.rotation_vector import OrientationState
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.robot_motion import TipPose
 from forcectl.tasks.task_frame import Spatial, TaskFrame
-
-Vector = NDArray[np.float64]
 
 COORDINATES = ("x", "y", "z", "phi", "theta", "psi")
 

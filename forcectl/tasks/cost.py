@@ -13,13 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values, check
 from forcectl.tasks.coordinates import TaskState
-
-Vector = NDArray[np.float64]
 
 _ROUNDING = 1e-12  # an eigenvalue that far below zero, of the largest, is zero
 

@@ -11,12 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Vector
 from forcectl.framework.batch import check
 from forcectl.framework.kernels import largest
-
-Vector = NDArray[np.float64]
 
 
 class Readings(NamedTuple):

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.arrays import Vector
 from forcectl.conventions import Components
 from forcectl.errors import BadInputError, one_line
 from forcectl.qp.solvers import Solver
@@ -22,8 +23,6 @@ from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.cost import Weights
 from forcectl.tasks.null_space import AnyCriterion, RememberingCriterion, stepped
 from forcectl.tasks.program import TaskProgram, task_levels
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

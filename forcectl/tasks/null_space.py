@@ -15,16 +15,16 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel, unit_normal
 from forcectl.tasks.constraints.base import Constraint
 
-Vector = NDArray[np.float64]
 _STOPPED = 0.15  # [s] after which a self-motion turns round
 _REDUNDANT = 7  # joints of an arm that moves about its hand
 _OTHERS = np.array([[j for j in range(7) if j != i] for i in range(7)])  # columns of a minor of J (6, 7)

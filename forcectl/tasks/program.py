@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pydrake.solvers import MathematicalProgram
 from scipy.linalg.lapack import dsyev
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError
 from forcectl.framework.kernels import all_finite, is_definite, left_free, smallest
 from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem, Smooth
@@ -35,8 +36,6 @@ from forcectl.tasks.constraints.base import ConstraintSet, Rows
 from forcectl.tasks.coordinates import ArmTask, TaskState
 from forcectl.tasks.cost import TaskCost, Weights
 from forcectl.tasks.null_space import AnyCriterion, JointSpeed, stepped
-
-Vector = NDArray[np.float64]
 
 _NO_MEMORY = np.zeros(0)
 _CALMING = 0.5  # of the change of u that is allowed, the other half is left to the tasks

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Vector
 from forcectl.framework.batch import check
 from forcectl.framework.kernels import largest, smallest
-
-Vector = NDArray[np.float64]
 
 _NEARER = 0.9  # of the smallest distance so far: what counts as coming nearer
 _SLOW = 5.0  # [1/s] at the target the speed is below the tolerance times this

@@ -16,10 +16,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.block import scratch
@@ -39,8 +40,6 @@ from forcectl.tasks.null_space import AnyCriterion, JointSpeed
 from forcectl.tasks.program import Posed, TaskProgram
 from forcectl.tasks.progress import Progress, TaskProgress
 from forcectl.tasks.reference_reset import ReferenceReset
-
-Vector = NDArray[np.float64]
 
 _MAX_REFERENCE = 1e6  # [m or rad, per s] a reference beyond is no number
 _ROUNDING = 1e-12  # violations below are none

@@ -19,11 +19,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Vector
 from forcectl.framework.kernels import largest
 
-Vector = NDArray[np.float64]
 Motion = tuple[Vector, Vector, Vector]  # x, x', x'' of the task coordinates, (k,) each
 
 LENGTH = 1e-3  # [m]

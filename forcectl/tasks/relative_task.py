@@ -16,10 +16,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.wrench_between import moved_wrench, opposite_mean
 from forcectl.framework.block import scratch
@@ -31,8 +31,6 @@ from forcectl.robot.model import RobotModel
 from forcectl.robot.robot_motion import TipPose
 from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation
 from forcectl.tasks.task_frame import Spatial, TaskFrame
-
-Array = NDArray[np.float64]
 
 
 class RelativeMotion:

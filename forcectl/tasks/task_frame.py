@@ -12,14 +12,13 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from forcectl.arrays import Array
 from forcectl.framework.batch import batch_values
 from forcectl.framework.kernels import cross, cross_matrix
 from forcectl.framework.rotation_vector import transposed
 from forcectl.robot.robot_motion import TipPose
-
-Array = NDArray[np.float64]
 
 
 class Spatial(Protocol):

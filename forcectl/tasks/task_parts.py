@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid, unknown
 from forcectl.framework.euler_angles import EulerAngles, angles_of
 from forcectl.framework.fields import Config, key
@@ -86,7 +86,7 @@ class _TaskConfig(Config):
                 if not np.linalg.norm(target.value[angles]) < np.pi:
                     raise invalid(f"targets.{i}.value", target.value, "angles of less than half a turn, pi, in all")
 
-    def _orientation(self, rotation: NDArray[np.float64]) -> Orientation:
+    def _orientation(self, rotation: Array) -> Orientation:
         if self.orientation == "euler_angles":
             return EulerAngles(about=angles_of(rotation))
         return RotationVector(rotation)

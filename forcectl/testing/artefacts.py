@@ -9,10 +9,11 @@ from pathlib import Path
 
 from pydrake.systems.framework import System
 
+from forcectl.arrays import Array
 from forcectl.figures.file_names import file_name
 from forcectl.testing.golden.compare import Difference
 from forcectl.testing.golden.files import write_log
-from forcectl.testing.runs import Array, Log
+from forcectl.testing.runs import Log
 
 _MOST = 5  # of each kind; the last ones
 

@@ -11,14 +11,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context, InputPort, System
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.inspect.ports import find_inputs, named_outputs, unknown_port
 from forcectl.inspect.wiring import PortAddress, Wiring, context_of, is_vector
 
-Array = NDArray[np.float64]
 Change = Callable[[Array], Array]  # of the elements that are faulty, at one tick
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.primitives import LinearSystem
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.testing.response import StepResponse, step_response
-from forcectl.testing.runs import Array
 
 TransferFunction: TypeAlias = tuple[Sequence[float], Sequence[float]] | tuple[Sequence[float], Sequence[float], float]
 Model: TypeAlias = Callable[[Array], ArrayLike] | TransferFunction | LinearSystem

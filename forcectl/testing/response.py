@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import System
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
-from forcectl.testing.runs import Array, Input, run_diagram, vector_inputs, vector_outputs
+from forcectl.testing.runs import Input, run_diagram, vector_inputs, vector_outputs
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.analysis import ApplySimulatorConfig, InitializeParams, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, EventStatus, InputPort, OutputPort, System
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, RunFailedError, invalid, unknown
 from forcectl.framework.wiring import optional_inputs
 from forcectl.inspect.names import own_name, said_type
@@ -24,7 +25,6 @@ from forcectl.testing.faults import Fault, FaultyPorts
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 Input = ArrayLike | Callable[[float], ArrayLike]
 
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forcectl.analysis.findings.swings import swinging
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.testing.golden.compare import as_log
-from forcectl.testing.runs import Array
 
 _CYCLE = 6  # swings from peak to peak that make a limit cycle
 

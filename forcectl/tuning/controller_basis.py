@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check, check_count
 
 _LONGEST_FIR = 1000
 
-Array = NDArray[np.float64]
 Filter = tuple[tuple[float, ...], tuple[float, ...]]  # numerator and denominator in powers of z^-1
 
 

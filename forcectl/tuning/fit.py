@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.tuning.controller_basis import ControllerBasis, PidGains
 from forcectl.tuning.identifiability import HIGHEST
 from forcectl.tuning.plant_model import IdentifiedPlant
 from forcectl.tuning.reference_model import ReferenceModel
-
-Array = NDArray[np.float64]
 
 OUT_OF_REACH = 0.1  # a model mismatch above this is said to be out of reach, a model error not to be trusted
 _BETTERED = 1.25  # times the least mismatch: more than that is said to be out of reach, too

@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
 from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, mean_features
 from forcectl.robot.momentum_model import MomentumModel
 from forcectl.tuning.identifiability import BLOCKS, robust_errors
 
-Array = NDArray[np.float64]
 _LEAST_SAMPLES = 20
 _WORST_CONDITION = 1e4
 _OUTLIERS = 0.99  # share of the ticks that the threshold covers

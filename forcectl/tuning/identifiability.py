@@ -12,10 +12,10 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 
-Array = NDArray[np.float64]
+from forcectl.arrays import Array
 
 BLOCKS = 32  # of the record, for standard errors
 HIGHEST = 10  # order of excitation that is looked for

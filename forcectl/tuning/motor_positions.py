@@ -15,15 +15,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import check
 from forcectl.framework.fields import Config, key
 from forcectl.plant.drives.position_loop import LONGEST_COMMAND_DELAY, second_order, zero_order_hold
-
-Array = NDArray[np.float64]
 
 INPUTS = ("command", "motor")
 STICKS = 0.05  # share by which K_P may differ, before drives are said to stick

@@ -13,12 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
+from forcectl.arrays import Array
 from forcectl.tuning.reference_model import delayed
-
-Array = NDArray[np.float64]
 
 LONGEST = 12_000  # [samples] that are looked at
 _ORDERS = (1, 2, 3, 4)

@@ -20,14 +20,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
+from forcectl.arrays import Array
 from forcectl.tuning.controller_basis import ControllerBasis, same_length
 from forcectl.tuning.plant_model import IdentifiedPlant, from_first_movement
 from forcectl.tuning.reference_model import ReferenceModel, delayed
-
-Array = NDArray[np.float64]
 
 _DIVERGED = 1e3  # of a unit step
 _FADED = 1e-3  # of its largest value: what C^-1 may have left after the record

@@ -19,11 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 from scipy.signal import freqz_zpk, sosfilt, zpk2sos
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check, check_count
 from forcectl.framework.fields import Config, key
-
-Array = NDArray[np.float64]
 
 _MOST_DELAY = 100_000  # [samples]
 

@@ -9,14 +9,12 @@ experiment's own input, and from cautious ones where the loop of those is unstab
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from forcectl.arrays import Array
 from forcectl.tuning.controller_basis import ControllerBasis
 from forcectl.tuning.plant_model import IdentifiedPlant
 from forcectl.tuning.prediction import closed_loop
-
-Array = NDArray[np.float64]
 
 MOST_GAINS = 20  # that are refined
 _ITERATIONS = 60

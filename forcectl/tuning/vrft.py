@@ -17,9 +17,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.tuning.controller_basis import ControllerBasis, same_length
 from forcectl.tuning.fit import OUT_OF_REACH, VrftFit, mismatch, warnings
@@ -28,8 +29,6 @@ from forcectl.tuning.plant_model import identify_plants, triangle_of, unit_colum
 from forcectl.tuning.prediction import RecordCheck, closed_loop
 from forcectl.tuning.reference_model import ReferenceModel, delayed
 from forcectl.tuning.refinement import MOST_GAINS, nearest_gains
-
-Array = NDArray[np.float64]
 
 _LARGEST = 1e15  # [m] or [N], and one over it the smallest range: sums of squares stay finite
 _HORIZON = 8  # time constants of the reference model that are predicted

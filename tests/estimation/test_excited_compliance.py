@@ -6,15 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from forcectl.analysis.force_metrics import model_response
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import ewrls_step
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.testing import Log, run_diagram
 
-Vector = NDArray[np.float64]
 PERIOD, C_R = 0.002, 3.2e-5
 TIME = PERIOD * np.arange(6000)
 STEPS = np.where(TIME % 4.0 < 2.0, 20.0, 12.0)  # [N]

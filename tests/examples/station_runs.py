@@ -7,16 +7,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import forcectl
+from forcectl.arrays import Vector
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import Workcell, describe
 from tests.examples.stations import pressing
-
-Vector = NDArray[np.float64]
 
 PERIOD = 0.002  # control tick [s]
 FORCE = 15.0  # height of the steps [N]

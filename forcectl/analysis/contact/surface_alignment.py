@@ -6,17 +6,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.slot import CONTACT_TRUTH, REFERENCE, variants_of
 from forcectl.analysis.tables.task_tables import SURFACE_ALIGNMENT_METRICS
+from forcectl.arrays import Array
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.analysis.findings.pressing import times
 from forcectl.analysis.stretches import stretches
+from forcectl.arrays import Array
 from forcectl.force.guard.limits import Cause, Reaction
 
 Codes = NDArray[np.int64]
@@ -47,7 +48,7 @@ def guard_codes(log: Any) -> Codes:
     return (np.nan_to_num(status).max(axis=1).astype(np.int64)) // GUARD
 
 
-def own_status(status: NDArray[np.float64]) -> NDArray[np.float64]:
+def own_status(status: Array) -> Array:
     """The controller's part of a status."""
     return np.mod(status, GUARD)
 

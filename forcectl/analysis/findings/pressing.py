@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.force.approach import ApproachMode
 
-Signal = NDArray[np.float64]
+Signal = Array
 Mask = NDArray[np.bool_]
 
 TOUCH = 0.02  # of the reference, above which a contact is made that can be lost

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.findings.finding import RunFinding, finding
+from forcectl.arrays import Array
 
-Signal = NDArray[np.float64]
+Signal = Array
 
 _COUNTED = 200  # ticks in which repeated readings are counted
 _REPEATED = 0.1  # of them

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.stretches import stretches
+from forcectl.arrays import Array
 
-Signal = NDArray[np.float64]
+Signal = Array
 
 _LASTING = 0.85  # growth below which swings die down
 _STANDS = 1e-6  # [rad/s] a joint that is slower stands still

@@ -33,9 +33,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.force.admittance import admittance_step
 from forcectl.force.law import ForceLaw, LinearLawConfig, low_pass
@@ -107,7 +108,7 @@ class ImpedanceForceLaw(ForceLaw):
             shows=("adapted_velocity",),
         )
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """The impedance alone is stable, and the limits are in order."""
         super().check_together(values)
         for name, by in (("inertia", "damping"), ("damping", "stiffness")):

@@ -13,10 +13,11 @@ from math import inf
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context, DiagramBuilder, System
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.governor.program import (
     LONGEST_HORIZON,
@@ -137,7 +138,7 @@ class CommandGovernor(SampledBatch):
         self.declare_memory(memory, inputs, period)
         self.show("governed_reference", "status")
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """The poles are within (0, 1), the weights finite, the limits in order."""
         for name in ("inner_pole", "reference_pole"):
             check_pole(name, values[name])
@@ -216,7 +217,7 @@ class CommandGovernor(SampledBatch):
         return self.batch_value(reference), self.batch_value(status)
 
 
-def _check_limits(values: Mapping[str, NDArray[np.float64]]) -> None:
+def _check_limits(values: Mapping[str, Array]) -> None:
     """BadInputError unless there is a number between each pair of limits."""
     for lower, upper in (("lower_limit", "upper_limit"), ("lower_force", "upper_force")):
         check_order(lower, upper, values)

@@ -25,15 +25,14 @@ from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.solvers import MathematicalProgram
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import BatchValue, check_count
 from forcectl.qp.quadratic_program import QuadraticProgram, Solution, Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
-
-Array = NDArray[np.float64]
 
 # A prediction over more ticks than this is a unit taken for another.
 MOST_TICKS = 10_000

@@ -24,13 +24,11 @@ from math import inf
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.governor.program import check_pole, check_ticks, over_horizon
 from forcectl.framework.batch import check
-
-Array = NDArray[np.float64]
 
 # A double root is found to about 3e-8 only: a pole nearer to the unit circle is not called stable. It would decay over
 # ten million ticks.

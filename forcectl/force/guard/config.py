@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.guard.estimate import estimate_of, largest_jump, live_repeats, quiet_bandwidth
 from forcectl.force.guard.first_touch import BEGINS, TURNS, touch_gain
@@ -19,8 +19,6 @@ from forcectl.force.guard.steps import DisplacementSteps, JointSteps
 from forcectl.force.kinematic_inversion import joint_direction
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
-
-Array = NDArray[np.float64]
 
 _LARGEST = 1e4  # [N] that a force can be where the range of a sensor is not known
 _MEASURED = 0.9  # of the range, up to which a force is still measured

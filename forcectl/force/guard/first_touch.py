@@ -11,12 +11,10 @@ surface that comes closer at the speed v adds F to the force that is there.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from forcectl.arrays import Array
 from forcectl.plant.plant_model import PlantModel
-
-Array = NDArray[np.float64]
 
 # T [s]: the drives of the COMAU turn round after 0.021 to 0.030 s on 1e4 to 1e6 N/m.
 TURNS = 0.030

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.force.guard.limits import Cause, GuardLimits, Numbers
@@ -16,8 +16,6 @@ from forcectl.framework.batch import check
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import all_finite
 from forcectl.framework.wiring import input_names
-
-Array = NDArray[np.float64]
 
 _FAULT, _RELEASED, _READING, _ASKED, _FAST = map(
     LoopMemory._fields.index, ("fault", "released", "reading", "asked", "fast")

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.force.guard.limits import GuardLimits
 from forcectl.force.guard.readings import FELT, STIFFER, TOGETHER
-
-Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of a limit, within which this gives no answer of its own
 _SURE = 1.0 - _ROUNDING

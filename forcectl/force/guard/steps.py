@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.force.guard.limits import Numbers
-
-Array = NDArray[np.float64]
 
 
 class DisplacementSteps:

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource
@@ -32,8 +31,6 @@ from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import Enclosed, add_part, input_names, optional_inputs, split, stacked
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.plant_model import PlantModel
-
-Array = NDArray[np.float64]
 
 _SOFTEST = 1.0  # [m/N] along an axis
 _ALONG_NORMAL = 0.7  # least cosine to the normal with which the model's C_E is that of a direction

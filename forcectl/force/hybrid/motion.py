@@ -15,16 +15,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context
 
+from forcectl.arrays import Array
 from forcectl.force.hybrid.task_axes import TaskAxes
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.block import scratch
 from forcectl.framework.kernels import all_finite
 from forcectl.framework.sampled_block import Memory, SampledBlock
-
-Array = NDArray[np.float64]
 
 
 def joint_motion(jacobian: Array, motion: Array, *, smallest: float, length: float) -> tuple[Array, bool]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.force.hybrid.task_axes import TaskAxes
@@ -19,8 +18,6 @@ from forcectl.framework.batch import check
 from forcectl.framework.block import scratch
 from forcectl.framework.kernels import all_finite
 from forcectl.framework.sampled_block import Memory, SampledBlock
-
-Array = NDArray[np.float64]
 
 
 class SurfaceNormal(SampledBlock):

@@ -10,14 +10,12 @@ with the tool, turned by the shortest way so that z is the normal of the surface
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context
 
+from forcectl.arrays import Array
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import cross, cross_matrix
 from forcectl.robot.model import RobotModel, posture_cache
-
-Array = NDArray[np.float64]
 
 DIRECTIONS = ("rx", "ry", "rz", "x", "y", "z")  # in the order of spatial vectors
 

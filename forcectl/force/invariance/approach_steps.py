@@ -17,16 +17,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Vector
 from forcectl.force.kinematic_inversion import DAMPING, damped_direction
 from forcectl.framework.kernels import smallest
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.robot_motion import ContactMotion, RobotMotion
 from forcectl.tasks.constraints.base import ConstraintSet, Rows
-
-Vector = NDArray[np.float64]
 
 _HALVINGS = 8
 _SLIGHT = 1e-9  # [m, rad] by which a step along a constraint may leave it: the posture changes within the step

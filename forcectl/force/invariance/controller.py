@@ -20,10 +20,10 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.invariance.approach_steps import AT_REST, ApproachSteps
 from forcectl.force.invariance.objective import Along, Objective
@@ -54,8 +54,6 @@ from forcectl.robot.robot_motion import (
     tip_pose,
 )
 from forcectl.tasks.constraints.base import Constraint, ConstraintSet, ForceLimit, Rows, checked_limits
-
-Vector = NDArray[np.float64]
 
 METRICS = ("task", "joint")
 _SLACK_WEIGHT = 1e6  # of regulated outputs: what slack costs beside the objective

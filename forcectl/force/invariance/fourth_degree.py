@@ -19,9 +19,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.adaptive_force_law import AdaptiveLawConfig
 from forcectl.force.invariance.functions import (
@@ -187,7 +188,7 @@ class FourthDegreeForceLaw(ForceLaw):
         if size == 1:
             self.math = FLOAT_MATH
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """The limits are in order, alpha is finite."""
         super().check_together(values)
         if not np.isfinite(values["alpha"]).all():

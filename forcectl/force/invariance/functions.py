@@ -16,12 +16,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import SCALAR_MATH, BatchValue
-
-Array = NDArray[np.float64]
 
 # Operations that give the same bits on floats and on arrays; np itself serves arrays.
 FLOAT_MATH: Any = SimpleNamespace(**vars(SCALAR_MATH) | {"frexp": math.frexp, "ldexp": math.ldexp})

@@ -18,17 +18,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv, dsyev
 
+from forcectl.arrays import Vector
 from forcectl.force.invariance.regulated_output import Regulated
 from forcectl.force.invariance.tracking import Tracking
 from forcectl.force.kinematic_inversion import DAMPING
 from forcectl.framework.kernels import is_definite
 from forcectl.qp.prioritized_program import Level
 from forcectl.robot.robot_motion import RobotMotion, TipPose
-
-Vector = NDArray[np.float64]
 
 _PRIORITY = 1e3  # weight of regulated outputs beside the unconstrained directions
 _REDUNDANT = 1e-4  # weight of rest for joints that the task leaves free

@@ -27,10 +27,11 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, System
 from pydrake.systems.primitives import Multiplexer
 
+from forcectl.arrays import Array
 from forcectl.force.invariance.force_law import InvarianceConfig
 from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.batch import BatchParameter, BatchValue, check_order
@@ -117,7 +118,7 @@ class PredictiveCorrection(SampledBatch):
         self.declare_memory(dict.fromkeys((*shown, "height", "rate", "nominal", "path"), 0.0), inputs, period)
         self.show(*shown)
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """The limits are in order."""
         check_order("lower_limit", "upper_limit", values)
 

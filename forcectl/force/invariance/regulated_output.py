@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Vector
 from forcectl.force.invariance.force_law import fall, one_step_acceleration
 from forcectl.framework.batch import SCALAR_MATH
-
-Vector = NDArray[np.float64]
 
 
 class Regulated(NamedTuple):

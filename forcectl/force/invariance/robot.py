@@ -7,9 +7,9 @@ from math import inf
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.adaptive_force_law import Adaptation
@@ -26,7 +26,6 @@ from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.tasks.constraints.parts import at_keys, constraints_of
 
-Array = NDArray[np.float64]
 _TURN = 2 * np.pi  # [rad] beyond the limits of the robot, that those instead may be; further are degrees
 
 

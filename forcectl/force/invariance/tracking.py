@@ -10,13 +10,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from forcectl.arrays import Vector
 from forcectl.framework.batch import check
 from forcectl.robot.robot_motion import RobotMotion, TipPose, orientation_error
-
-Vector = NDArray[np.float64]
 
 
 class Tracking:

@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 
+from forcectl.arrays import Array
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.force.law import FORCES
 from forcectl.force.linear_law import GAINS, LinearForceLaw, VrftConfig
@@ -55,8 +55,8 @@ class ScaledVrft(Around):
         law: LinearForceLaw,
         estimator: ExcitedCompliance,
         displacement_filter: System,
-        slopes: NDArray[np.float64],
-        offsets: NDArray[np.float64],
+        slopes: Array,
+        offsets: Array,
     ):
         super().__init__(law)
         size = law.size

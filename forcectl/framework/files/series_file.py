@@ -7,12 +7,10 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, show
 from forcectl.framework.files.text_file import table_text
-
-Array = NDArray[np.float64]
 
 
 def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:

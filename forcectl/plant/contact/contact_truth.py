@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce
@@ -18,11 +17,10 @@ from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForc
 from pydrake.multibody.tree import BodyIndex, Frame, FrameIndex, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, unknown
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import cross
-
-Array = NDArray[np.float64]
 
 
 class BodyContact(NamedTuple):

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
+from forcectl.arrays import Array
 from forcectl.framework.batch import check
 from forcectl.framework.block import PythonBlock
 from forcectl.plant.contact.part import GraspConfig
 
-Array = NDArray[np.float64]
 _FASTEST = 1e3  # [m/s, rad/s] of a free part
 _AHEAD = 1.0  # [m, rad] that it moves within a tick, and more
 _ROUNDING = 1e-9  # [s] of the times of ticks

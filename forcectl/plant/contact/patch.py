@@ -18,16 +18,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RotationMatrix
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import unit_normal
 
-Array = NDArray[np.float64]
 _ALONG = 1e-3  # sine of the angle, below which two directions are one
 
 

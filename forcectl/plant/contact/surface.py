@@ -18,9 +18,10 @@ from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key, slot
@@ -28,7 +29,6 @@ from forcectl.framework.files.series_file import check_meets, check_steepest, re
 from forcectl.plant.contact.surface_materials import MaterialsConfig
 from forcectl.plant.contact.surface_moves import SurfaceMoveConfig, check_moves
 
-Array = NDArray[np.float64]
 GRID = 2e-5  # distance of the points of a profile [m]
 _NARROWEST = 5 * GRID  # what such a grid resolves [m]
 _STEEPEST = 0.3  # slope [-] up to which n is still a fair contact normal

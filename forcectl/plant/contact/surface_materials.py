@@ -16,14 +16,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key
 
-Array = NDArray[np.float64]
 # K_E [N/m] of the plates on which Table 4.2 was measured, calibrated: effective values, with what bears the plate.
 MATERIALS = {"springs": 5.9e3, "aluminium": 5.0e4, "wood": 1.55e5, "plastic": 2.1e5}
 _CLOSE = 1e-9  # [m] between two segments that count as joined

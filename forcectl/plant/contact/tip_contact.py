@@ -10,15 +10,14 @@ blocks cost three times as much.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiscreteValues
 
+from forcectl.arrays import Vector
 from forcectl.framework.batch import BatchValue, batch_values, check
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
-
-Vector = NDArray[np.float64]
 
 
 class TipContact(CompliantContact):

@@ -20,9 +20,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values
 from forcectl.framework.block import PythonBlock, values_of_tick
@@ -30,7 +31,6 @@ from forcectl.framework.fields import Config, key
 from forcectl.plant.contact.surface import SurfaceProfile
 from forcectl.robot.model import RobotModel, posture_cache, unit_normal
 
-Array = NDArray[np.float64]
 _STEPS = 4  # of the search for the foot point; each leaves |delta/radius of curvature| of its error
 _WIDTH = 10  # points to both sides over which a slope is taken: 0.2 mm
 

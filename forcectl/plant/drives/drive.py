@@ -18,16 +18,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
+from forcectl.arrays import Matrix
 from forcectl.framework.batch import batch_values, check, check_count
 from forcectl.framework.block import PythonDiagram
 from forcectl.plant.drives.motors import Motors
 from forcectl.plant.drives.servo import ServoCoefficients, ServoGains, step_coefficients
-
-Matrix = NDArray[np.float64]
 
 
 class _InnerStep(NamedTuple):

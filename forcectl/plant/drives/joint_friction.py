@@ -23,19 +23,19 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex, PdControllerGains
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AffineSystem, MatrixGain, Saturation
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.wiring import through
 from forcectl.robot.parameters import ControlParameters
 
-Array = NDArray[np.float64]
 COULOMB_STEEPNESS = 130.0  # [s/rad] of (5.2)
 THRESHOLD_STEEPNESS = 30.0  # [s/rad] of (5.3)
 _STICKING = 1e7  # [Nms/rad] damping that stands for sticking

@@ -18,18 +18,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, DiscreteValues
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.block import BlockCache, PythonBlock
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.robot.model import RobotModel, has_moved
-
-Vector = NDArray[np.float64]
 
 
 class JointImpedance(SampledBatch):

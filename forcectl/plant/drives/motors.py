@@ -13,18 +13,16 @@ three times as much, and these run more often than any other.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import MatrixGain, Saturation
 
+from forcectl.arrays import Matrix, Vector
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values
 from forcectl.framework.wiring import export_outputs, split, through
 from forcectl.robot.assumptions import assumed_loop_inertia
 from forcectl.robot.model import RobotModel
-
-Matrix = NDArray[np.float64]
-Vector = NDArray[np.float64]
 
 # What a drive puts out of the motion of its motors, joint side: (2n,) [rad, rad/s], then its halves.
 MOTOR_PORTS = ("motor_state", "motor_position", "motor_velocity")

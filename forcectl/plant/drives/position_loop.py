@@ -13,11 +13,12 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import LinearSystem
 from scipy.linalg import expm
 
+from forcectl.arrays import Matrix
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values, check, whole_multiple
 from forcectl.framework.block import PythonDiagram
@@ -27,7 +28,6 @@ from forcectl.framework.linear_batch import behind_delay, interleave, sampled_sy
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-Matrix = NDArray[np.float64]
 LONGEST_DELAY = 1.0  # [s] of a sensor; a delay line keeps every sample
 LONGEST_COMMAND_DELAY = 0.3  # [s] of a drive
 

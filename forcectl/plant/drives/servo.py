@@ -25,9 +25,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
 
+from forcectl.arrays import Vector
 from forcectl.framework.batch import (
     BatchBlock,
     BatchParameter,
@@ -43,8 +44,6 @@ from forcectl.framework.wiring import split
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
-
-Vector = NDArray[np.float64]
 
 
 class ServoGains(NamedTuple):

@@ -22,15 +22,14 @@ so sticking is exact. Sensors of torque and speed are taken for exact.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, MatrixGain, Multiplexer, Saturation
 
+from forcectl.arrays import Matrix
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.block import PythonDiagram
 from forcectl.plant.drives.motors import Motors
-
-Matrix = NDArray[np.float64]
 
 
 class TorqueDrive(PythonDiagram):

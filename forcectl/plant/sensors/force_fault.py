@@ -9,15 +9,14 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.plant.sensors.force_sensor import white_noise
 
-Array = NDArray[np.float64]
 KINDS = ("nan", "inf", "value", "frozen", "lost", "jitter", "scale", "noise")
 _ROUNDING = 1e-9  # [s] of the times of ticks
 _SHORTEST = 0.1  # of a tick, that one reading may be wrong for

@@ -16,10 +16,11 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import LinearSystem
 
+from forcectl.arrays import Matrix
 from forcectl.errors import invalid
 from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check, whole_multiple
 from forcectl.framework.block import PythonDiagram
@@ -31,20 +32,19 @@ from forcectl.plant.drives.position_loop import (
     second_order,
 )
 
-Matrix = NDArray[np.float64]
 _CHUNK = 1024
 _LARGEST_RANGE = 1e4  # [N] that shares are taken of
 
 
 @lru_cache(maxsize=16)  # some sensors, each with two chunks where one follows the other
-def _noise_chunk(sources: tuple[tuple[int, int], ...], chunk: int) -> NDArray[np.float64]:
+def _noise_chunk(sources: tuple[tuple[int, int], ...], chunk: int) -> Matrix:
     rows = [np.random.default_rng((seed, element, chunk)).standard_normal(_CHUNK) for seed, element in sources]
     values = np.ascontiguousarray(np.transpose(rows))
     values.setflags(write=False)
     return values
 
 
-def white_noise(sources: tuple[tuple[int, int], ...], tick: int) -> NDArray[np.float64]:
+def white_noise(sources: tuple[tuple[int, int], ...], tick: int) -> Matrix:
     """Sample number `tick` of unit white noise, shape (n,): a pure function of its arguments.
 
     Args:
@@ -141,7 +141,7 @@ class SensorElectronics(BatchBlock):
         """Declare the ports; the outputs depend on the inputs and on `reads`."""
 
     @abstractmethod
-    def feels(self, context: Context) -> NDArray[np.float64]:
+    def feels(self, context: Context) -> Matrix:
         """What the channels feel, shape (n,)."""
 
     def derive(self, values: tuple[BatchValue, ...]) -> Converter:
@@ -152,13 +152,13 @@ class SensorElectronics(BatchBlock):
         quiet = self._raw(context, self.feels(context), np.zeros(self._size))
         next_state.set_value(self._tare, self.stack(quiet))
 
-    def _raw(self, context: Context, felt: NDArray[np.float64], noise: NDArray[np.float64]) -> BatchValue:
+    def _raw(self, context: Context, felt: Matrix, noise: Matrix) -> BatchValue:
         channel, force = self.values(context), self.batch_value(felt)
         if channel.drift is not None:
             force = force + channel.drift * context.get_time()
         return digitise(force, self.batch_value(noise), channel, self.math)
 
-    def read(self, context: Context, felt: NDArray[np.float64]) -> BatchValue:
+    def read(self, context: Context, felt: Matrix) -> BatchValue:
         """The reading of the channels that feel `felt`, shape (n,)."""
         tick = int(context.get_time() / self._period + 0.5)
         reading = self._raw(context, felt, white_noise(self._sources, tick))
@@ -192,7 +192,7 @@ class ForceDigitiser(SensorElectronics):
         reads = self.reads | {self._force.ticket()}
         self.DeclareVectorOutputPort("reading", self._size, self._reading, prerequisites_of_calc=reads)
 
-    def feels(self, context: Context) -> NDArray[np.float64]:
+    def feels(self, context: Context) -> Matrix:
         """The force."""
         return self._force.Eval(context)
 
@@ -330,7 +330,7 @@ class ForceSensorConfig(Config, in_batches=True):
         """Lag of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]."""
         return self.bandwidth, self.damping_ratio, self.delay
 
-    def channel_scale(self) -> NDArray[np.float64]:
+    def channel_scale(self) -> Matrix:
         """Factors on noise, quantum, bias and range of the six channels of a wrench [torque; force], shape (6,)."""
         return np.repeat([self.torque_ratio, 1.0], 3)
 

@@ -18,16 +18,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid, unknown
 from forcectl.framework.batch import BatchParameter, batch_values, check
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.plant.sensors.force_sensor import white_noise
 
-Array = NDArray[np.float64]
 FAULTS = ("nan", "frozen", "lost")
 _READINGS = ("joint_position", "joint_velocity", "motor_torque")
 _ROUNDING = 1e-9  # [s] of the times of ticks

@@ -13,20 +13,19 @@ from collections.abc import Sequence
 from typing import TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.sensors.force_sensor import SensorElectronics
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
-
-Vector = NDArray[np.float64]
 
 
 class Electronics(TypedDict):

@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, show, unknown
 from forcectl.framework.files.text_file import table_text
-
-Array = NDArray[np.float64]
 
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*$")
 _NETCDF = (".nc", ".nc4", ".h5", ".hdf5", ".cdf")

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.stretches import stretches
+from forcectl.arrays import Array
 from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError
 from forcectl.runs.records.columns import Column, Columns, read_columns
-
-Array = NDArray[np.float64]
 
 # Factor from a unit to that of SI, per quantity.
 UNITS = {

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from pydrake.geometry import Box, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.diagrams.workcell import Workcell
 from forcectl.plant.contact.contact_truth import frame_called
 from forcectl.robot.parts import RobotParts
@@ -22,7 +22,6 @@ from forcectl.robot.robot_motion import TipPose, pose_parts
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.relative_task import RelativeTask
 
-Array = NDArray[np.float64]
 _Place = tuple[Array, Array]  # a point [m] and axes (3, 3), both in the world
 
 ARROW = 0.02  # [m/N] length of the arrows

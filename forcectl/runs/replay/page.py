@@ -7,12 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, select_autoescape
-from numpy.typing import NDArray
 
 from forcectl.analysis.transitions import Stay
+from forcectl.arrays import Array
 from forcectl.runs.replay.forces import ARROW, ShownForce
-
-Array = NDArray[np.float64]
 
 
 def with_panel(

@@ -34,6 +34,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from forcectl.analysis.transitions import stays
+from forcectl.arrays import Array
 from forcectl.diagrams.mechanics.placed_part import parse_part
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.models import add_packages
@@ -184,7 +185,7 @@ class _Plate:
             turned = RotationMatrix.MakeYRotation(-np.arctan2(up, along))
             meshcat.SetTransform(strip, RigidTransform(turned, [s + along / 2, 0.0, h + up / 2 - _THICK / 2]))
 
-    def move(self, meshcat: Meshcat, positions: NDArray[np.float64], height: float, when: float) -> None:
+    def move(self, meshcat: Meshcat, positions: Array, height: float, when: float) -> None:
         """Raise it to a height [m]."""
         if self._slide is not None:
             positions[self._slide.position_start()] = height
@@ -198,7 +199,7 @@ class _MovedPart:
         self._plant = plant
         self._body, self._frame = parse_part(plant, name, config)
 
-    def move(self, context: Context, position: NDArray[np.float64], orientation: NDArray[np.float64]) -> None:
+    def move(self, context: Context, position: Array, orientation: Array) -> None:
         """Put its frame at a position (3,) [m] and a quaternion (4,) in the world."""
         X_WF = RigidTransform(Quaternion(orientation), position)
         X_BF = self._frame.CalcPose(context, self._body.body_frame())
@@ -225,7 +226,7 @@ class Scene:
         self._root = self._diagram.CreateDefaultContext()
         self.plant_context: Context = plant.GetMyMutableContextFromRoot(self._root)
 
-    def record(self, times: NDArray[np.float64], pictures: NDArray[np.intp], draw: Callable[[int, float], None]) -> str:
+    def record(self, times: Array, pictures: NDArray[np.intp], draw: Callable[[int, float], None]) -> str:
         """A page with pictures of a log.
 
         Args:

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
@@ -27,13 +26,12 @@ from pydrake.multibody.tree import (
     RigidBody,
 )
 
+from forcectl.arrays import Array
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import RobotShapes
 from forcectl.robot.parameters import ControlParameters
 from forcectl.robot.parts import ArmParts, add_robot_with
 from forcectl.robot.urdf import Urdf
-
-Array = NDArray[np.float64]
 
 _HAND = re.compile(r"grip|finger|hand|thumb|claw|jaw|knuckle", re.IGNORECASE)
 _FINGER = re.compile(r"finger|thumb|claw|jaw|knuckle", re.IGNORECASE)  # of a link; a last link may be a gripper's

@@ -11,10 +11,10 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, place, plain
@@ -26,8 +26,6 @@ from forcectl.robot.parameters import DERIVED, PER_JOINT, ControlParameters, mis
 from forcectl.robot.parts import frame_named
 from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
 from forcectl.runs.robots.remarks import remarks
-
-Array = NDArray[np.float64]
 
 _SUFFIXES = (".urdf", ".sdf", ".xml")
 _SPEED, _TORQUE, _LENGTH = 2.0, 100.0, 0.5  # [rad/s], [Nm], [m], until something better is known

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.analysis.findings.guard import guard_codes
+from forcectl.arrays import Array
 from forcectl.force.guard.limits import Cause
 from forcectl.scenario.scenario import Scenario
 from forcectl.sweeps.faults.declared import SOUND, DeclaredFault
@@ -100,7 +101,7 @@ def largest_force(scenario: Scenario, log: Any) -> float:
     return _MORE * float(finite.max(initial=0.0)) or np.inf
 
 
-def _safe_after(since: NDArray[np.float64], force: NDArray[np.float64], limit: float) -> float | None:
+def _safe_after(since: Array, force: Array, limit: float) -> float | None:
     above = np.flatnonzero(force > limit)
     if not above.size or since[above[-1]] < 0:
         return 0.0
@@ -119,6 +120,6 @@ def _named(
     return (*causes, *new)
 
 
-def _rows(log: Any, name: str) -> NDArray[np.float64]:
+def _rows(log: Any, name: str) -> Array:
     """A signal, shape (k, n)."""
     return log[name].values.reshape(log.sizes["time"], -1)

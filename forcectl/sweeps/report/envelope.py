@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from forcectl.sweeps.report.numbers import Array
+from forcectl.arrays import Array
 from forcectl.sweeps.report.panels import GREY, MOST_PANELS, PER_ROW, below, heading, panel_width, panels, styles
 
 MOST_READ = 4000  # trials of an arm

@@ -17,11 +17,11 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from forcectl.analysis.tables.metric_tables import metric_unit
+from forcectl.arrays import Array
 from forcectl.conventions import unit_of
 from forcectl.figures.force import COLOURS, write_svg
 from forcectl.sweeps.report.envelope import Envelope, envelope_figure, read_envelope
 from forcectl.sweeps.report.numbers import (
-    Array,
     KeyColumn,
     Sensitivity,
     arm_column,

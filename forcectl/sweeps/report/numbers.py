@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, rankdata, sobol_indices
 
+from forcectl.arrays import Array
 from forcectl.framework.expression import Expression
 from forcectl.framework.fields import key_of
 from forcectl.sweeps.agenda import wilson
@@ -19,8 +20,6 @@ from forcectl.sweeps.study import Study
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Array = NDArray[np.float64]
 
 FEW_VALUES = 20  # of a key: each is a group of its own
 _FIXED = ("trial", "point", "arm", "seed", "state", "success", "findings", "reason", "time_s")

@@ -16,9 +16,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.figures.force import frame, look_of
 from forcectl.figures.targets import GREY as GREY
-from forcectl.sweeps.report.numbers import Array, KeyColumn, short
+from forcectl.sweeps.report.numbers import KeyColumn, short
 
 FEW_ARMS = 4  # whose bands can be told apart
 MOST_PANELS = 12

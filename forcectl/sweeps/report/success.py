@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from forcectl.arrays import Array
 from forcectl.figures.force import COLOURS
 from forcectl.sweeps.agenda import wilson
-from forcectl.sweeps.report.numbers import Array, KeyColumn, Rate, groups
+from forcectl.sweeps.report.numbers import KeyColumn, Rate, groups
 from forcectl.sweeps.report.panels import (
     FEW_ARMS,
     GREY,

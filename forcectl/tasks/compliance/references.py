@@ -45,6 +45,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.estimation.momentum_observer import dead_band
 from forcectl.force.admittance import admittance_step
@@ -54,7 +55,6 @@ from forcectl.framework.kernels import largest, smallest
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.motion.trajectory import Limits, Motion, Planner, Target, TrajectoryState, begin
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _START = ("start_position", "start_velocity", "start_acceleration")

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context
 
@@ -23,8 +22,6 @@ from forcectl.framework.kernels import all_finite
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.robot_motion import pose_parts
 from forcectl.tasks.coordinates import ArmTask
-
-Array = NDArray[np.float64]
 
 
 class TaskForce(PythonBlock):

@@ -29,8 +29,9 @@ from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError, about, invalid, one_line
 from forcectl.force.invariance.force_law import one_step_acceleration
 from forcectl.framework.batch import SCALAR_MATH, batch_values, check
@@ -39,8 +40,6 @@ from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.joint_bounds import JointBounds, bounded_acceleration
 from forcectl.tasks.constraints.row_names import row_names, with_rows_at
-
-Vector = NDArray[np.float64]
 
 _AT_REST = 1e-9  # [s] of full acceleration: what is left of speeds that braking has ended
 

@@ -9,14 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from forcectl.arrays import Vector
 from forcectl.force.invariance.force_law import one_step_acceleration
 from forcectl.framework.batch import SCALAR_MATH, SMALL_BATCH
 from forcectl.framework.kernels import largest, smallest
 from forcectl.robot.model import JointLimits
-
-Vector = NDArray[np.float64]
 
 _GRADUAL = 0.9  # of the braking, that it may begin and end gradually
 _NEAR = 0.05  # [rad] to a limit: as near a joint begins to count as unable to move

@@ -22,15 +22,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.invariance.force_law import one_step_acceleration
 from forcectl.framework.batch import check
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import Constraint, Evaluation
-
-Vector = NDArray[np.float64]
 
 
 class Errors(NamedTuple):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from forcectl.arrays import Vector
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import batch_values, check_order
 from forcectl.robot.arms_motion import ArmsMotion
@@ -12,8 +13,6 @@ from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import Constraint, Evaluation
 from forcectl.tasks.constraints.row_names import label
 from forcectl.tasks.coordinates import ArmTask, TaskState
-
-Vector = NDArray[np.float64]
 
 
 class TaskRange:

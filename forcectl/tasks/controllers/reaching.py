@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import TrajectorySource
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
@@ -35,7 +35,6 @@ _FARTHEST = 10.0  # [m or rad] beyond is no target of any arm, but a mistake
 _SAME = 1e-3  # [m] between two places that are the same
 _BEYOND = 1.5  # times the length of the arm; a target nearer than that and out of reach is told after the run
 
-Array = NDArray[np.float64]
 NamedTask = tuple[str, ArmTask, list[tuple[str, TaskTargetConfig]]]  # name in the scenario, targets with their keys
 
 

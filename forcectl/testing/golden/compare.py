@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.testing.golden.tube import beyond, tube_around
-from forcectl.testing.runs import Array, Log
+from forcectl.testing.runs import Log
 
 Tolerances = float | Mapping[str, ArrayLike] | None
 _UNNAMED = 1e-6  # tolerance of a signal that is not named, of its largest golden value [1]

@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from forcectl.arrays import Array
 from forcectl.testing.golden.compare import Difference
 from forcectl.testing.golden.tube import tube_around
-from forcectl.testing.runs import Array, Log
+from forcectl.testing.runs import Log
 
 _MOST = 12  # signals of a picture
 _RUN, _TUBE, _OFF = "#0072b2", "#bbbbbb", "#d55e00"

@@ -23,11 +23,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.kernels import cross_matrix
@@ -36,7 +36,6 @@ from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact, ch
 from forcectl.plant.contact.pairs.step_ahead import REMEMBERED, StepAhead
 from forcectl.robot.joint_tree import cross
 
-Array = NDArray[np.float64]
 _SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
 
 

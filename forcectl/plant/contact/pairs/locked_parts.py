@@ -9,10 +9,10 @@ mouth, and its rate V; the law is taken at the end of a step h, see `step_ahead`
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from forcectl.arrays import Array
+
 SETTLING = 5e-3  # [s] damping / stiffness
 
 

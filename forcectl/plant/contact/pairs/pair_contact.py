@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -13,14 +12,13 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.batch import check
 from forcectl.framework.block import PythonBlock, values_of_tick
 from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.contact.contact_truth import BodyContact, applied_force
 from forcectl.robot.robot_motion import pose_parts
-
-Array = NDArray[np.float64]
 
 
 class PairContactPart(Protocol):

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.fields import key
 from forcectl.framework.kernels import cross_matrix
@@ -25,7 +25,6 @@ from forcectl.plant.contact.pairs.peg_in_bore import (
 )
 from forcectl.plant.contact.pairs.step_ahead import REMEMBERED, StepAhead
 
-Array = NDArray[np.float64]
 _NEAR = 0.02  # [m] of the tip above the mouth, below which contact is looked for
 
 

@@ -20,13 +20,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
+from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
-Array = NDArray[np.float64]
 SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
 _LONG, _WIDE = "above 0 and at most 2", "above 0 and at most 0.5"  # [m] of what arms put together
 _PASSES = 3  # to find the points that push, and their friction

@@ -17,14 +17,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 
+from forcectl.arrays import Array
 from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.contact.pairs.pair_contact import EndMotion
 
-Array = NDArray[np.float64]
 REMEMBERED = 20  # velocities of tip and mouth, wrench of the contact, whether each was let go
 
 

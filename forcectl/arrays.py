@@ -1,0 +1,10 @@
+"""Types of arrays of numbers; the docstring of what has them says their shape."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
