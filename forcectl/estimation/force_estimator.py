@@ -13,6 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
@@ -116,7 +117,7 @@ class ForceEstimator(PythonDiagram):
             for port in untared[1:]:
                 builder.ConnectInput("tare", port)
         outputs = {"estimated_torque": observer.GetOutputPort("external_torque")}
-        self.port_units = {"estimated_torque": "Nm"}
+        self.port_units: dict[str, str] = {}
         self.port_components = dict(_COMPONENTS)
         if len(wrenches) > 1:
             self.port_components |= dict.fromkeys(("near_singular", "torque_elsewhere"), "a")
@@ -128,10 +129,10 @@ class ForceEstimator(PythonDiagram):
             for i, part in enumerate(parts):
                 connect(part, together.get_input_port(i))
             outputs[name] = together.get_output_port()
-            self.port_units[name] = first.port_units[port.get_name()]
+            self.port_units[name] = unit_of(port.get_name(), first.port_units)
         if between is not None:
             outputs["wrench_between"] = between.GetOutputPort("wrench")
-            self.port_units["wrench_between"] = between.port_units["wrench"]
+            self.port_units["wrench_between"] = unit_of("wrench")
         outputs |= {name: observer.GetOutputPort(name) for name in ("residual", "torque_balance", "reading_ok")}
         export_outputs(builder, outputs)
         builder.BuildInto(self)

@@ -148,11 +148,7 @@ class MomentumObserver(SampledBatch):
         self._longest = max(check("longest_gap", longest_gap, "not negative"), period) + 0.5 * period
         self.sample_delay = {("motor_torque", "external_torque"): 0.0}
         self.port_units = {
-            "joint_position": "rad",
-            "joint_velocity": "rad/s",
-            "motor_torque": "Nm",
             "reset": "1",
-            "external_torque": "Nm",
             "residual": "Nm",
             "torque_balance": "Nm",
             "reading_ok": "1",

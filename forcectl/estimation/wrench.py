@@ -114,10 +114,6 @@ class WrenchEstimator(SampledBlock):
         self._first_row = 0 if moment else 3
         self._smallest, self._length = check("smallest", smallest, "positive"), check("length", length, "positive")
         self.port_units = {
-            "external_torque": "Nm",
-            "joint_position": "rad",
-            "tare": "1",
-            "wrench": "Nm,N",
             "near_singular": "1",
         }
         sizes = {"external_torque": n, "joint_position": n, "tare": 1}

@@ -59,7 +59,6 @@ class WrenchBetween(PythonBlock):
         BadInputError: not two different arms of the robot.
     """
 
-    port_units = {"wrench": "Nm,N"}
     port_components = {"wrench": "6"}
 
     def __init__(

@@ -61,11 +61,7 @@ class MovingJointsFilter(SampledBlock):
     optional_inputs = ("tare",)
     port_units = {
         "torque_balance": "Nm",
-        "joint_position": "rad",
-        "joint_velocity": "rad/s",
         "reading_ok": "1",
-        "tare": "1",
-        "wrench": "Nm,N",
     }
 
     def __init__(

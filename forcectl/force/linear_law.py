@@ -74,7 +74,7 @@ class LinearForceLaw(ForceLaw):
         BadInputError: not three gains, or a parameter that is not allowed.
     """
 
-    port_units = GAIN_UNITS | {"excitation": "m", "controller_output": "m", "mode": "1"}
+    port_units = GAIN_UNITS | {"excitation": "m", "controller_output": "m"}
     uses_compliance = False
 
     def __init__(

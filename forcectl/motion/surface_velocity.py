@@ -43,7 +43,7 @@ class LinePosture(PythonBlock):
         line: joint motion over s [rad], (n_q, 1).
     """
 
-    port_units = {"path_position": "m", "unconstrained_reference": "rad"}
+    port_units = {"path_position": "m"}
 
     def __init__(self, line: PiecewisePolynomial):
         super().__init__()

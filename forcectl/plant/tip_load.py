@@ -156,9 +156,6 @@ class LoadTruth(PythonBlock):
         "contact_wrench": "Nm,N",
         "body_wrench": "Nm,N",
         "contact_torque": "Nm",
-        "external_torque": "Nm",
-        "tip_wrench": "Nm,N",
-        "arm_contact_force": "N",
     }
     optional_inputs = ("external_wrench", "contact_wrench", "body_wrench", "contact_results", "contact_torque")
 

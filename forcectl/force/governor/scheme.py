@@ -59,7 +59,7 @@ class EquivalentScheme(PythonDiagram):
         BadInputError: a value outside of that.
     """
 
-    port_units = {"desired_force": "N", "force": "N", "governed_reference": "N"}
+    port_units = {"governed_reference": "N"}
 
     def __init__(
         self,

@@ -78,7 +78,6 @@ class HybridMotion(SampledBlock):
     port_units = {
         "displacement_command": "m,rad",
         "motor_displacement": "m,rad",
-        "joint_position_command": "rad",
         "near_singular": "1",
         "task_normal": "1",
     }

@@ -96,7 +96,7 @@ class InvarianceControl(PythonDiagram):
         correction: takes its command.
     """
 
-    port_units = {"invariance_function": "m", "status": "1"}
+    port_units = {"invariance_function": "m"}
 
     def __init__(self, nominal: System, correction: InvarianceCorrection):
         super().__init__()

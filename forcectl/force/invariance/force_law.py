@@ -129,7 +129,7 @@ class InvarianceForceLaw(ForceLaw):
     Sampling: every `period` [s]; no delay from desired_force to displacement_command, see `SampledBlock`.
     """
 
-    port_units = {"invariance_function": "m", "status": "1"}
+    port_units = {"invariance_function": "m"}
     follows = "desired_force"
     # Inputs of a subclass after the forces, and what it remembers; these have other names.
     own_inputs: tuple[str, ...] = ()

@@ -139,7 +139,7 @@ class FourthDegreeForceLaw(ForceLaw):
         derivatives: "model" or "difference", see above.
     """
 
-    port_units = {"invariance_function": "N", "status": "1"}
+    port_units = {"invariance_function": "N"}
 
     def __init__(
         self,

@@ -77,7 +77,7 @@ class PredictiveCorrection(SampledBatch):
     Sampling: every `period` [s]; no delay from nominal_command to displacement_command, see `SampledBlock`.
     """
 
-    port_units = {"felt_displacements": "m,m", "planned_command": "m", "surface_offset": "m", "drive_offset": "m"}
+    port_units = {"felt_displacements": "m,m", "planned_command": "m", "drive_offset": "m"}
 
     def __init__(
         self,

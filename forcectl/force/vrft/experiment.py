@@ -52,7 +52,7 @@ class ExperimentSequencer(SampledBatch):
     Sampling: every `period` [s]; the mode changes one tick after the condition is met.
     """
 
-    port_units = {"excitation": "m", "proportional_gain": "m/N", "integral_gain": "m/(N s)", "mode": "1"}
+    port_units = {"excitation": "m", "proportional_gain": "m/N", "integral_gain": "m/(N s)"}
 
     def __init__(
         self,

@@ -182,8 +182,6 @@ class ContactWrench(PythonBlock):
         pairs: number of contacts that are not the plant's own.
     """
 
-    port_units = {"body_contact_wrench": "Nm,N"}
-
     def __init__(
         self, plant: MultibodyPlant, on: Collection[int], by: Collection[int] | None, frame: Frame, pairs: int = 0
     ):

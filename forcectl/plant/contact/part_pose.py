@@ -33,8 +33,6 @@ class PartPose(PythonBlock):
         frames: of the plant.
     """
 
-    port_units = {"part_position": "m", "part_orientation": "1"}
-
     def __init__(self, frames: Sequence[Frame]):
         super().__init__()
         self._at = [(int(frame.body().index()), frame.GetFixedPoseInBodyFrame()) for frame in frames]

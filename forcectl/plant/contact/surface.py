@@ -136,7 +136,7 @@ class SurfaceHeight(PythonBlock):
         moves: of the whole surface over time, see `SurfaceMoveConfig`.
     """
 
-    port_units = {"path_position": "m", "surface_height": "m"}
+    port_units = {"path_position": "m"}
 
     def __init__(self, profile: SurfaceProfile, moves: Sequence[SurfaceMoveConfig] = ()):
         super().__init__()

@@ -185,7 +185,7 @@ class SurfaceMaterial(PythonBlock):
     Sampling: none; evaluated when read.
     """
 
-    port_units = {"path_position": "m", "surface_stiffness": "N/m", "surface_damping": "N s/m"}
+    port_units = {"path_position": "m"}
 
     def __init__(self, path: MaterialPath, damped: bool):
         super().__init__()

@@ -46,9 +46,6 @@ class SurfaceSpring(PythonBlock):
     port_units = {
         "carrier_state": "m,m/s",
         "desired_state": "m,m/s",
-        "surface_stiffness": "N/m",
-        "surface_damping": "N s/m",
-        "surface_height": "m",
     }
 
     def __init__(

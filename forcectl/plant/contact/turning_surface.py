@@ -120,7 +120,7 @@ class TurningSurface(PythonBlock):
         radius: R of the ball, whose lowest point is the TCP at the start [m].
     """
 
-    port_units = {"surface_tilt": "rad", "plane_state": "rad,m,rad/s,m/s"}
+    port_units = {"plane_state": "rad,m,rad/s,m/s"}
 
     def __init__(
         self, robot: RobotModel, n: ArrayLike, along: ArrayLike, start: Array, profile: SurfaceProfile, radius: float

@@ -59,7 +59,6 @@ class JointImpedance(SampledBatch):
 
     port_units = {
         "reference": "rad,rad/s",
-        "motor_state": "rad,rad/s",
         "gravity_torque": "Nm",
         "torque_command": "Nm",
     }

@@ -69,7 +69,7 @@ class ReferenceHold(PythonBlock):
         super().__init__()
         n = self._n = check_count("size", size)
         self._step = check("time_step", time_step, "positive")
-        self.port_units = {"joint_torque_feedforward": "Nm", "travelled": "rad", "reference": "rad,rad/s,Nm"}
+        self.port_units = {"travelled": "rad", "reference": "rad,rad/s,Nm"}
         names = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward")
         self._inputs = [self.DeclareVectorInputPort(name, n) for name in names]
         self._travelled = self.DeclareVectorInputPort("travelled", n)
@@ -138,7 +138,7 @@ class JointServo(PythonDiagram):
         bound = batch_values("limit", limit, n, "positive")
         step = check("time_step", time_step, "positive")
         whole_multiple("period", check("period", period, "positive"), step, "time_step")
-        self.port_units = {"position": "rad", "velocity": "rad/s", "motor_torque": "Nm", "torque_integral": "Nms"}
+        self.port_units = {"position": "rad", "velocity": "rad/s", "torque_integral": "Nms"}
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         eye, zero = np.eye(n), np.zeros((n, n))

@@ -52,7 +52,6 @@ class MotorMotion(PythonDiagram):
         n, step = friction.size, check("time_step", time_step, "positive")
         rate = step / batch_values("inertia", inertia, n, "positive and finite")
         eye, zero = np.eye(n), np.zeros((n, n))
-        self.port_units = {"motor_torque": "Nm", "spring_torque": "Nm", "motor_state": "rad,rad/s"}
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         forward, backward = (

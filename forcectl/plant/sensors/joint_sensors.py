@@ -163,8 +163,7 @@ class JointSensors(SampledBatch):
         self._faults = tuple(faults)
         self._sources = tuple((seed, channel) for channel in range(2 * n))
         self.sample_delay = {("motor_position", "joint_position"): 0.0}
-        self.port_units = {"motor_position": "rad", "torque_integral": "Nms"}
-        self.port_units |= {"joint_position": "rad", "joint_velocity": "rad/s", "motor_torque": "Nm"}
+        self.port_units = {"torque_integral": "Nms"}
         inputs = [self.DeclareVectorInputPort(name, n) for name in ("motor_position", "torque_integral")]
         at_rest = quantised(batch_values("start", start, n), batch_values("quantum", quantum, n, "not negative"))
         load = batch_values("torque", torque, n)

@@ -165,7 +165,6 @@ class StateMachine(SampledBlock):
         "time_in_mode": "s",
         "transition": "1",
         "machine_end": "1",
-        "gripper_command": "1",
     }
 
     def __init__(

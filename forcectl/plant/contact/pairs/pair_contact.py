@@ -94,7 +94,7 @@ class PairContact(PythonBlock):
         time_step: of the plant [s].
     """
 
-    port_units = {"body_contact_wrench": "Nm,N", "released": "1"}
+    port_units = {"released": "1"}
     optional_inputs = ("released",)
 
     def __init__(self, tip: Frame, mouth: Frame, memory: int, time_step: float):
