@@ -17,17 +17,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.slot import WithoutFigures
 from forcectl.analysis.stretches import stretches
 from forcectl.analysis.tables.motion_tables import FORCE_METRICS
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Mask
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 
-Mask = NDArray[np.bool_]
 _LEAST = 1e-6  # [N, Nm] from here on something acts
 _CONTACT_BEGINS = 0.2  # [s] of a contact that are not judged
 

@@ -23,14 +23,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.stretches import stretches
 from forcectl.analysis.tables.metric_tables import GAINS, MOTION_METRICS, STEP_METRICS, TUNING_METRICS
 from forcectl.analysis.tracking_metrics import tracking_metrics
-from forcectl.arrays import Array
-
-Signal = Array
+from forcectl.arrays import Mask, Signal
 
 _STEP_SAMPLES = 2  # in which a step of the reference is done
 _MOTION_BAND = 0.02  # of the reference
@@ -75,7 +72,7 @@ def find_steps(time: Signal, desired: Signal, initial: float = 0.0) -> list[Step
     return [step for step in steps if step.size != 0.0]  # a pulse is none
 
 
-def moves(desired: Signal, initial: float = 0.0) -> NDArray[np.bool_]:
+def moves(desired: Signal, initial: float = 0.0) -> Mask:
     """At which samples a desired force moves, other than in a step; arguments as those of `find_steps`."""
     moving = np.zeros(len(desired), dtype=bool)
     for part in _changes(desired, initial):
@@ -266,7 +263,7 @@ def motion_metrics(
     }
 
 
-def contact_loss(time: Signal, in_contact: NDArray[np.bool_]) -> float | None:
+def contact_loss(time: Signal, in_contact: Mask) -> float | None:
     """Time [s] without contact after the first contact; None without any contact."""
     touched = np.flatnonzero(in_contact)
     if touched.size == 0:

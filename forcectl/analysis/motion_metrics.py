@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Mask
 from forcectl.plant.plant_model import PlantModel
 
 _REST, _REST_TIME = 2e-3, 0.2  # [rad], [s]
@@ -51,7 +50,7 @@ def _jerk(log: Any, truth: PlantModel) -> Array:
     return np.diff(log["joint_velocity_command"].values, 2, axis=0) / truth.period**2
 
 
-def smoothness(log: Any, truth: PlantModel, ticks: NDArray[np.bool_]) -> dict[str, float | None]:
+def smoothness(log: Any, truth: PlantModel, ticks: Mask) -> dict[str, float | None]:
     """`jerk_share_1_s` and `reversals_at_rest_1_s` of some ticks of a run; of too few of them none.
 
     Args:
@@ -69,7 +68,7 @@ def smoothness(log: Any, truth: PlantModel, ticks: NDArray[np.bool_]) -> dict[st
     }
 
 
-def reversals_at_rest(position: Array, speed: Array, period: float, counted: NDArray[np.bool_] | None = None) -> float:
+def reversals_at_rest(position: Array, speed: Array, period: float, counted: Mask | None = None) -> float:
     """The most reversals of one joint at rest within a second.
 
     A joint is at rest at a tick when its reference stayed within 2 mrad for 0.2 s until then. It reverses where its

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from forcectl.arrays import Mask
 
 
-def stretches(here: NDArray[np.bool_]) -> list[slice]:
+def stretches(here: Mask) -> list[slice]:
     """The stretches in which it is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(int)))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

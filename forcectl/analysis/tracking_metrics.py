@@ -11,12 +11,9 @@ import cmath
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.tables.metric import Metric
-from forcectl.arrays import Array
-
-Signal = Array
+from forcectl.arrays import Mask, Signal
 
 _REGULAR = 0.02  # share by which periods of the reference may differ
 _OF_BOTH: dict[str, Metric] = {
@@ -49,7 +46,7 @@ TRACKING_METRICS: dict[str, Metric] = {
 
 
 def tracking_metrics(
-    time: Signal, desired: Signal, measured: Signal, true: Signal, moving: NDArray[np.bool_]
+    time: Signal, desired: Signal, measured: Signal, true: Signal, moving: Mask
 ) -> dict[str, float | None]:
     """`TRACKING_METRICS` of a run.
 

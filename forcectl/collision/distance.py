@@ -19,16 +19,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Indices
 from forcectl.collision.pairs import NearBalls, PairTable, speed_left
 from forcectl.collision.shapes import RobotShapes
 from forcectl.framework.batch import check, check_count
 from forcectl.robot.joint_tree import TreeState, cross
 from forcectl.robot.robot_motion import RobotMotion
-
-Indices = NDArray[np.intp]
 
 _TINY = 1e-9  # [m]
 _HARDEST = 10.0  # times gamma, and a tenth of it is the softest

@@ -9,14 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Indices
 from forcectl.collision.shapes import RobotShapes, Solid, cover
 from forcectl.errors import BadInputError
 from forcectl.robot.joint_tree import TreeState
-
-Indices = NDArray[np.intp]
 
 _TINY = 1e-9  # [m]
 # V -> the matrix M of x M = w x x, for rows x.

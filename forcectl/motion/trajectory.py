@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 from weakref import WeakSet
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.containers import namedview
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Mask
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values, check_count
 from forcectl.framework.kernels import largest, smallest
@@ -266,7 +266,7 @@ class Planner:
         self._solve(state[_PROBLEM])
         return state
 
-    def _whole(self, some: Any) -> NDArray[np.bool_]:
+    def _whole(self, some: Any) -> Mask:
         """The components of groups with one that is true."""
         return np.repeat(np.logical_or.reduceat(some, self._starts), self._sizes)
 

@@ -20,15 +20,12 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, JacobianWrtVariable, Joint
 
 from forcectl.arrays import Array
 from forcectl.errors import BadInputError
-
-Indices = NDArray[np.intp]
 
 _ORIGIN = np.zeros(3)
 

@@ -13,12 +13,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common import schema
 from scipy import stats
 from scipy.stats import qmc
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Indices
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import Tagged, Tree, dump, is_object, plain
@@ -233,7 +232,7 @@ def _uniform(config: SweepConfig, size: int, conditions: bool) -> Iterator[Array
         yield generator.random((count, size)) if sobol is None else sobol.random_base2((count - 1).bit_length())
 
 
-def _meeting(points: Array, axes: list[Axis], conditions: list[Expression]) -> NDArray[np.intp]:
+def _meeting(points: Array, axes: list[Axis], conditions: list[Expression]) -> Indices:
     """Which points meet the conditions."""
     if not conditions:
         return np.arange(len(points))

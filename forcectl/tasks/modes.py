@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from forcectl.arrays import Vector
+from forcectl.arrays import Mask, Vector
 from forcectl.conventions import Components
 from forcectl.errors import BadInputError, one_line
 from forcectl.qp.solvers import Solver
@@ -56,7 +55,7 @@ class BuiltMode(NamedTuple):
 
     constraints: ConstraintSet
     program: TaskProgram
-    active: NDArray[np.bool_] | None
+    active: Mask | None
     criterion_start: Vector
 
     def asked(self, wanted: Vector, own: Vector | float) -> Vector:

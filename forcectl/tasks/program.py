@@ -21,11 +21,10 @@ from copy import copy, deepcopy
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.solvers import MathematicalProgram
 from scipy.linalg.lapack import dsyev
 
-from forcectl.arrays import Vector
+from forcectl.arrays import Indices, Vector
 from forcectl.errors import BadInputError
 from forcectl.framework.kernels import all_finite, is_definite, left_free, smallest
 from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem, Smooth
@@ -63,7 +62,7 @@ class TaskLevel:
         scale: what makes them comparable, (k,) [1/m or 1/rad].
     """
 
-    def __init__(self, rows: NDArray[np.intp], names: Sequence[str], cost: TaskCost, scale: Vector):
+    def __init__(self, rows: Indices, names: Sequence[str], cost: TaskCost, scale: Vector):
         # Neighbours, as they usually are, are picked without a copy.
         together = np.array_equal(rows, np.arange(rows[0], rows[0] + len(rows)))
         self.rows = slice(int(rows[0]), int(rows[-1]) + 1) if together else rows

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from forcectl.analysis.findings.swings import swinging
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Mask
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.testing.golden.compare import as_log
 
@@ -111,7 +111,7 @@ def assert_energy_does_not_grow(
         )
 
 
-def _signal(log: object, name: str, start: float, end: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _signal(log: object, name: str, start: float, end: float) -> tuple[Array, Array, Mask]:
     """Times (N,), values (N, elements), and which samples are looked at (N,)."""
     known = as_log(log)
     if name not in known.values:

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Mask
 from forcectl.tuning.controller_basis import ControllerBasis, PidGains
 from forcectl.tuning.identifiability import HIGHEST
 from forcectl.tuning.plant_model import IdentifiedPlant
@@ -145,6 +144,6 @@ def warnings(fit: VrftFit, y: Array) -> Iterator[str]:
         )
 
 
-def _named(fit: VrftFit, which: NDArray[np.bool_]) -> str:
+def _named(fit: VrftFit, which: Mask) -> str:
     names = [name for name, named in zip(fit.basis.names, which, strict=True) if named]
     return f"{names[0]} is" if len(names) == 1 else f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''} are"

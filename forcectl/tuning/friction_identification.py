@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Mask
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
 from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, mean_features
@@ -110,7 +110,7 @@ def friction_samples(
     return v[:-1][both], v[1:][both], friction[both]
 
 
-def _late(time: Array, values: Array, good: NDArray[np.bool_], bandwidth: float) -> Array:
+def _late(time: Array, values: Array, good: Mask, bandwidth: float) -> Array:
     """Values behind the filter of the speeds; it starts anew after readings that are not good."""
     late = values.copy()
     for k in np.flatnonzero(good[1:] & good[:-1]) + 1:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from forcectl.analysis.findings.finding import RunFinding, Severity, finding
-from forcectl.analysis.findings.pressing import TOUCH, Mask, Pressing, Signal, lasts, percent, times
+from forcectl.analysis.findings.pressing import TOUCH, Pressing, lasts, percent, times
 from forcectl.analysis.findings.swings import Swinging, rests, swinging, turning_points
 from forcectl.analysis.stretches import stretches
+from forcectl.arrays import Mask, Signal
 
 if TYPE_CHECKING:
     from forcectl.analysis.findings.config import FindingsConfig

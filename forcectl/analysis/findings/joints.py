@@ -9,11 +9,12 @@ import numpy as np
 
 from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.analysis.findings.guard import own_status
-from forcectl.analysis.findings.pressing import Mask, Signal, first_time
+from forcectl.analysis.findings.pressing import first_time
 from forcectl.analysis.findings.swings import rests
 from forcectl.analysis.motion_metrics import reversals_at_rest
 from forcectl.analysis.stretches import stretches
 from forcectl.analysis.transitions import stays
+from forcectl.arrays import Mask, Signal
 from forcectl.diagrams.model import Setting
 from forcectl.qp.quadratic_program import Status
 from forcectl.robot.model import JointLimits

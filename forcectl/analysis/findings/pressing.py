@@ -5,13 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from forcectl.arrays import Array
+from forcectl.arrays import Mask, Signal
 from forcectl.force.approach import ApproachMode
-
-Signal = Array
-Mask = NDArray[np.bool_]
 
 TOUCH = 0.02  # of the reference, above which a contact is made that can be lost
 

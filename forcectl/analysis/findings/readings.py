@@ -11,9 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from forcectl.analysis.findings.finding import RunFinding, finding
-from forcectl.arrays import Array
-
-Signal = Array
+from forcectl.arrays import Signal
 
 _COUNTED = 200  # ticks in which repeated readings are counted
 _REPEATED = 0.1  # of them

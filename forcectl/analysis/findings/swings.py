@@ -7,9 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from forcectl.analysis.stretches import stretches
-from forcectl.arrays import Array
-
-Signal = Array
+from forcectl.arrays import Signal
 
 _LASTING = 0.85  # growth below which swings die down
 _STANDS = 1e-6  # [rad/s] a joint that is slower stands still

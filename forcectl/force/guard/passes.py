@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Indices
 from forcectl.force.guard.limits import GuardLimits
 from forcectl.force.guard.readings import FELT, STIFFER, TOGETHER
 
@@ -67,7 +66,7 @@ def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
     return bool(coming.max() <= _SURE * limits.force and _SURE * limits.lowest <= estimate.min())
 
 
-def _between_new(measured: Array) -> tuple[Array, NDArray[np.intp]]:
+def _between_new(measured: Array) -> tuple[Array, Indices]:
     """Readings, those that repeat the last one on the way to the next; and at each tick, the last one that is known."""
     tick, new = np.arange(len(measured)), np.diff(measured, prepend=np.nan) != 0.0
     run = np.cumsum(new) - 1

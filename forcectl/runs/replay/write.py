@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import (
     Box,
@@ -34,7 +33,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from forcectl.analysis.transitions import stays
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Indices
 from forcectl.diagrams.mechanics.placed_part import parse_part
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.models import add_packages
@@ -226,7 +225,7 @@ class Scene:
         self._root = self._diagram.CreateDefaultContext()
         self.plant_context: Context = plant.GetMyMutableContextFromRoot(self._root)
 
-    def record(self, times: Array, pictures: NDArray[np.intp], draw: Callable[[int, float], None]) -> str:
+    def record(self, times: Array, pictures: Indices, draw: Callable[[int, float], None]) -> str:
         """A page with pictures of a log.
 
         Args:

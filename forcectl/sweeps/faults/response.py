@@ -8,10 +8,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forcectl.analysis.findings.guard import guard_codes
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Mask
 from forcectl.force.guard.limits import Cause
 from forcectl.scenario.scenario import Scenario
 from forcectl.sweeps.faults.declared import SOUND, DeclaredFault
@@ -110,7 +109,7 @@ def _safe_after(since: Array, force: Array, limit: float) -> float | None:
 
 
 def _named(
-    fault: DeclaredFault, log: Any, after: NDArray[np.bool_], findings: Sequence[str], sound: Sequence[str]
+    fault: DeclaredFault, log: Any, after: Mask, findings: Sequence[str], sound: Sequence[str]
 ) -> tuple[str, ...]:
     seen = {int(code) % 10 for code in np.unique(guard_codes(log)[after])}
     causes = [

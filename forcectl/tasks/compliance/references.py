@@ -42,10 +42,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Mask
 from forcectl.errors import invalid
 from forcectl.estimation.momentum_observer import dead_band
 from forcectl.force.admittance import admittance_step
@@ -55,7 +55,7 @@ from forcectl.framework.kernels import largest, smallest
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.motion.trajectory import Limits, Motion, Planner, Target, TrajectoryState, begin
 
-Flags = NDArray[np.bool_]
+Flags = Mask
 
 _START = ("start_position", "start_velocity", "start_acceleration")
 _REFERENCES = tuple(f"task_{name}_reference" for name in ("position", "velocity", "acceleration"))

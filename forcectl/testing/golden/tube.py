@@ -10,9 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Indices
 
 
 class Tube(NamedTuple):
@@ -81,7 +80,7 @@ def _slack(time: Array) -> float:
     return 1e-6 * float(np.diff(time).min()) if time.size > 1 else 1e-12
 
 
-def _over(ufunc: np.ufunc, values: Array, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+def _over(ufunc: np.ufunc, values: Array, first: Indices, last: Indices) -> Array:
     """`ufunc` over `values[first:last]` for each pair; NaN where that is empty."""
     padded = np.append(values, np.nan)
     pairs = np.column_stack([first, last]).ravel()
