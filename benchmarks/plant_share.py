@@ -37,7 +37,7 @@ def _prepare() -> tuple[list[Callable[[], None]], Callable[[], float]]:
     station = loop.diagram.GetSubsystemByName("station")
     links = station.GetOutputPort("link_position").Eval(station.GetMyContextFromRoot(begin))
     simulator.AdvanceTo(SETTLED + DURATION)
-    log = loop.find_log(simulator.get_context())
+    log = loop.sink.FindLog(simulator.get_context())
     motors = log.data()[loop.signals["motor_position"].rows]
     moving = PiecewisePolynomial.FirstOrderHold(log.sample_times(), motors)
     still = PiecewisePolynomial(motors[:, log.sample_times().searchsorted(SETTLED)])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import LogVectorOutput, Multiplexer, VectorLog, VectorLogSink
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import LogVectorOutput, Multiplexer, VectorLogSink
 
 from forcectl.conventions import Components, unit_of
 from forcectl.errors import BadInputError, show
@@ -65,10 +65,6 @@ class LoggedLoop:
     sink: VectorLogSink
     signals: dict[str, LoggedSignal]
     period: float
-
-    def find_log(self, context: Context) -> VectorLog:
-        """The log in a root context of `diagram`."""
-        return self.sink.FindLog(context)
 
 
 def add_log(

@@ -70,7 +70,7 @@ def build_loop(fidelity: str, controller: object = None, seed: int = 3) -> Loop:
 def run_loop(loop: Loop, context: Context | None = None, duration: float = 0.3) -> np.ndarray:
     simulator = Simulator(loop.diagram, context) if context is not None else Simulator(loop.diagram)
     simulator.AdvanceTo(simulator.get_context().get_time() + duration)
-    return loop.find_log(simulator.get_context()).data().copy()
+    return loop.sink.FindLog(simulator.get_context()).data().copy()
 
 
 @every_fidelity
@@ -166,12 +166,12 @@ def test_closed_loop_repeats_bit_by_bit_also_from_a_reset_and_a_cloned_context(
     simulator.AdvanceTo(0.1)
     clone = simulator.get_context().Clone()
     simulator.AdvanceTo(0.2)
-    straight = loop.find_log(simulator.get_context()).data()[:, -40:].copy()
+    straight = loop.sink.FindLog(simulator.get_context()).data()[:, -40:].copy()
     rest = Simulator(loop.diagram, clone)
     # A sensor is tared when a run begins, and this one goes on.
     rest.Initialize(InitializeParams(suppress_initialization_events=True))
     rest.AdvanceTo(0.2)
-    np.testing.assert_array_equal(loop.find_log(rest.get_context()).data()[:, -40:], straight)
+    np.testing.assert_array_equal(loop.sink.FindLog(rest.get_context()).data()[:, -40:], straight)
 
 
 @every_fidelity

@@ -25,7 +25,7 @@ def run(loop: Loop, duration: float) -> dict[str, Array]:
     """Every logged signal, shape (k, size), and `time`."""
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(duration)
-    log = loop.find_log(simulator.get_context())
+    log = loop.sink.FindLog(simulator.get_context())
     return {name: log.data()[s.rows].T.copy() for name, s in loop.signals.items()} | {"time": log.sample_times().copy()}
 
 

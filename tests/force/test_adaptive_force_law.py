@@ -35,7 +35,7 @@ def force(config, duration: float, size: int = 1, **loop) -> np.ndarray:
     simulator = Simulator(built.diagram)
     simulator.AdvanceTo(duration)
     rows = built.signals["measured_force"].rows
-    return built.find_log(simulator.get_context()).data()[rows]
+    return built.sink.FindLog(simulator.get_context()).data()[rows]
 
 
 @every_law

@@ -130,18 +130,6 @@ def largest_alpha(inner_pole: float, delay_ticks: int, true_delay_ticks: int) ->
     return float(min(crossings.min(initial=1.0), 1.0))
 
 
-def published_bound(inner_pole: float, delay_ticks: int, true_delay_ticks: int) -> float:
-    """The bound of alpha [1] of (4.42), sufficient according to the thesis but necessary only; no test uses it.
-
-    With A = 0.997, N = 40, where it is 0.7746, a true delay of 20 ticks is unstable from alpha = 0.09 on.
-    """
-    _check(inner_pole, 0.0, delay_ticks, true_delay_ticks)
-    a, n = inner_pole, max(delay_ticks, true_delay_ticks)
-    power = a**n
-    root = np.sqrt(power * (a * a * power - 2.0 * a * power + 5.0 * power + 4.0))
-    return float((a * power - power + root) / (2.0 * a * power * (power + 1.0)))
-
-
 @dataclass(frozen=True)
 class DelayCase:
     """One true delay: Nbar [ticks], the tests, and the alpha [1] up to which it is stable.

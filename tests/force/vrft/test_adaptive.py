@@ -72,7 +72,7 @@ def slide(
         law = loop.diagram.GetSubsystemByName("force_law")
         if law.HasOutputPort("integral_gain"):
             found.append(law.GetOutputPort("integral_gain").Eval(law.GetMyContextFromRoot(context)).item())
-    log = loop.find_log(context)
+    log = loop.sink.FindLog(context)
     desired, force = (log.data()[loop.signals[name].rows] for name in ("desired_force", "measured_force"))
     return force - model_response(log.sample_times(), desired[0], 1.5), np.array(found)
 

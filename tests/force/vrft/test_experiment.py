@@ -112,7 +112,7 @@ def test_batch_elements_of_the_scalar_loop_are_experiments_of_their_own():
         loop = build_one_dimensional_loop(config, size=size)
         simulator = Simulator(loop.diagram)
         simulator.AdvanceTo(6.0)
-        data = loop.find_log(simulator.get_context()).data()
+        data = loop.sink.FindLog(simulator.get_context()).data()
         logs[size] = data[loop.signals["measured_force"].rows]
     np.testing.assert_allclose(logs[2][0], logs[1][0], atol=1e-9)
     assert logs[2][1, -1] == pytest.approx(10.0, abs=0.3)
@@ -166,7 +166,7 @@ def test_from_motor_positions_the_gains_are_those_of_drives_that_do_not_stick():
         loop = build_one_dimensional_loop(OneDimensionalLoopConfig(controller=config, servo=servo))
         simulator = Simulator(loop.diagram)
         simulator.AdvanceTo(SHORT.end_time())
-        log = loop.find_log(simulator.get_context()).data()
+        log = loop.sink.FindLog(simulator.get_context()).data()
         return float(log[loop.signals["proportional_gain"].rows][0, -1])
 
     free = gain("command", 0.0)
