@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -15,17 +14,9 @@ from forcectl.force.baselines.passive import PassiveConfig, PassiveForceLaw, Pas
 from forcectl.force.integral import IntegralConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.testing.runs import Input
-from tests.examples.block_example import Example, each
+from tests.examples.block_example import Example, each, force, push
 
 DESIRED = ("desired_force", "measured_force")
-
-
-def force(t: float) -> np.ndarray:
-    return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
-
-
-def push(t: float) -> np.ndarray:
-    return np.array([-2e-3, -1e-3]) * math.sin(60 * t)
 
 
 def impedance(size: int = 2, **changed: object) -> ImpedanceForceLaw:

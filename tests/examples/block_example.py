@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
 from pydrake.systems.framework import System
 
 from forcectl.testing.runs import Input
@@ -33,6 +35,16 @@ class Example:
     def block(self) -> System:
         """The block, built once; what is simulated has a context of its own."""
         return self.build()
+
+
+def force(t: float) -> np.ndarray:
+    """Of two batch elements [N]."""
+    return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
+
+
+def push(t: float) -> np.ndarray:
+    """A displacement of two batch elements that goes into the surface and leaves it again [m]."""
+    return np.array([-2e-3, -1e-3]) * math.sin(60 * t)
 
 
 def each(output: str, *inputs: str) -> set[tuple[str, str]]:

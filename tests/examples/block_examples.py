@@ -35,7 +35,7 @@ from forcectl.robot.model import RobotModel
 from forcectl.robot.parts import add_robot
 from forcectl.testing.runs import Input
 from tests.examples.baseline_examples import BASELINE_EXAMPLES
-from tests.examples.block_example import Example, each
+from tests.examples.block_example import Example, each, force, push
 from tests.examples.block_examples_estimation import ESTIMATION_EXAMPLES
 from tests.examples.block_examples_joint_interface import JOINT_INTERFACE_EXAMPLES
 from tests.examples.block_examples_pairs import PAIR_EXAMPLES
@@ -69,15 +69,6 @@ def workcell(fidelity: str) -> Workcell:
 
 def posture(t: float) -> np.ndarray:
     return START + 0.05 * np.sin(np.arange(1, 7) * (3 * t + 0.1))
-
-
-def push(t: float) -> np.ndarray:
-    """A displacement of two batch elements that goes into the surface and leaves it again [m]."""
-    return np.array([-2e-3, -1e-3]) * math.sin(60 * t)
-
-
-def force(t: float) -> np.ndarray:
-    return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
 
 
 def spectral(t: float) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import cache, partial
 from typing import Any
 
@@ -18,7 +17,7 @@ from forcectl.force.invariance.predictive import PredictiveInvarianceConfig
 from forcectl.force.per_arm import PerArm, PerArmConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.testing.runs import Input
-from tests.examples.block_example import Example, each
+from tests.examples.block_example import Example, each, force, push
 from tests.examples.block_examples_stations import pressing_workcell, two_tables
 from tests.examples.hybrid_examples import HYBRID_EXAMPLES
 
@@ -44,14 +43,6 @@ def per_arm(left: Any, right: Any) -> PerArm:
     made = laws_of(left, right).add_to(DiagramBuilder(), both())
     assert isinstance(made, PerArm)
     return made
-
-
-def force(t: float) -> np.ndarray:
-    return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
-
-
-def push(t: float) -> np.ndarray:
-    return np.array([-2e-3, -1e-3]) * math.sin(60 * t)
 
 
 def swing(start: np.ndarray, t: float) -> np.ndarray:

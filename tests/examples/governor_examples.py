@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 
 import numpy as np
@@ -13,11 +12,7 @@ from forcectl.force.governor.scheme import EquivalentScheme
 from forcectl.force.integral import IntegralConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.testing.runs import Input
-from tests.examples.block_example import Example, each
-
-
-def force(t: float) -> np.ndarray:
-    return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
+from tests.examples.block_example import Example, each, force
 
 
 def governed() -> GovernedForceLaw:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, System
 
@@ -13,15 +11,7 @@ from forcectl.force.invariance.predictive import (
     PredictiveInvarianceConfig,
 )
 from forcectl.plant.plant_model import PlantModel
-from tests.examples.block_example import Example, each
-
-
-def push(t: float) -> np.ndarray:
-    return np.array([-2e-3, -1e-3]) * math.sin(60 * t)
-
-
-def force(t: float) -> np.ndarray:
-    return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
+from tests.examples.block_example import Example, each, force, push
 
 
 def law() -> PredictiveForceLaw:

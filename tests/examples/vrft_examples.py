@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 
 import numpy as np
@@ -18,17 +17,9 @@ from forcectl.force.vrft.scaled import ScaledVrft, ScaledVrftConfig
 from forcectl.motion.excitation import TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.tuning.motor_positions import DriveFilter
-from tests.examples.block_example import Example, each
+from tests.examples.block_example import Example, each, force, push
 
 VALUES = (-5e-5, -2.5e-4, [0.0, 1e-8])
-
-
-def push(t: float) -> np.ndarray:
-    return np.array([-2e-3, -1e-3]) * math.sin(60 * t)
-
-
-def force(t: float) -> np.ndarray:
-    return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
 
 
 MODEL = PlantModel(2, 0.002, np.full(2, 3e-5), np.array([1e-4, 2e-5]), 12.6, 1.0, 0.0)

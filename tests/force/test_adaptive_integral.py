@@ -18,21 +18,14 @@ from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import ForceSensor
 from forcectl.testing import Log, assert_passes_no_nan, assert_ports, run_diagram
+from tests.examples.plant_models import plant_model
 
 PERIOD = 0.002
 STIFFNESS, C_R = 5900.0, 3.2e-5
 
 
 def model(n: int = 1, delay: float = 0.0) -> PlantModel:
-    return PlantModel(
-        size=n,
-        period=PERIOD,
-        robot_compliance=np.full(n, C_R),
-        environment_compliance=np.full(n, 1 / STIFFNESS),
-        sensor_bandwidth=12.6,
-        sensor_damping_ratio=1.0,
-        sensor_delay=delay,
-    )
+    return plant_model(np.full(n, C_R), np.full(n, 1 / STIFFNESS), sensor_delay=delay)
 
 
 def law(n: int = 1, delay: float = 0.0, **changed: float) -> AdaptiveForceLaw:

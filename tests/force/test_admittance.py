@@ -22,6 +22,7 @@ from forcectl.force.admittance import (
 )
 from forcectl.plant.plant_model import PlantModel
 from forcectl.testing import Log, run_diagram
+from tests.examples.plant_models import plant_model
 from tests.force.baselines import ideal_plant
 
 TS = 0.004
@@ -30,16 +31,7 @@ K_ENV, D_ENV, H, D, ANGLE = 500.0, 100.0, 0.5, 50.0, 0.2
 
 
 def model(size: int = 1, period: float = TS) -> PlantModel:
-    stiff = np.full(size, 1e-4)
-    return PlantModel(
-        size=size,
-        period=period,
-        robot_compliance=0 * stiff,
-        environment_compliance=stiff,
-        sensor_bandwidth=100.0,
-        sensor_damping_ratio=1.0,
-        sensor_delay=0.0,
-    )
+    return plant_model(np.zeros(size), np.full(size, 1e-4), sensor_bandwidth=100.0, period=period)
 
 
 def law(**changed: Any) -> AdmittanceForceLaw:

@@ -15,8 +15,8 @@ from scipy.signal import dlsim
 
 from forcectl.errors import BadInputError
 from forcectl.force.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw, dead_zone, integral_step
-from forcectl.plant.plant_model import PlantModel
 from forcectl.testing import assert_feedthrough, assert_passes_no_nan, assert_ports, run_diagram
+from tests.examples.plant_models import plant_model
 
 PERIOD = 0.002
 K_I, C_T = 1.5, 2e-4
@@ -242,15 +242,7 @@ def test_ports():
     assert_feedthrough(block, {("displacement_command", n) for n in ("desired_force", "measured_force", "compliance")})
 
 
-MODEL = PlantModel(
-    size=2,
-    period=PERIOD,
-    robot_compliance=np.array([3e-5, 2e-5]),
-    environment_compliance=np.array([1.7e-4, 1e-5]),
-    sensor_bandwidth=12.6,
-    sensor_damping_ratio=1.0,
-    sensor_delay=0.0,
-)
+MODEL = plant_model([3e-5, 2e-5], [1.7e-4, 1e-5])
 
 
 def test_config_uses_the_compliance_it_is_told_times_its_error():

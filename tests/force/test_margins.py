@@ -15,19 +15,11 @@ from forcectl.force.chain import ForceChain
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.wiring import add_part
-from forcectl.plant.plant_model import PlantModel
+from tests.examples.plant_models import plant_model
 
 TS, C_R, C_E = 0.002, 4e-5, 1.6e-4
 C_T = C_R + C_E
-MODEL = PlantModel(
-    size=1,
-    period=TS,
-    robot_compliance=np.array([C_R]),
-    environment_compliance=np.array([C_E]),
-    sensor_bandwidth=12.6,
-    sensor_damping_ratio=1.0,
-    sensor_delay=0.0,
-)
+MODEL = plant_model(C_R, C_E)
 ONE = StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.eye(1), dt=TS)
 LAWS = [
     IntegralConfig(integral_gain=3.0, compliance_error=0.7),

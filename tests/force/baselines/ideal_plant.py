@@ -50,3 +50,20 @@ def commands(config: Any, forces: np.ndarray, desired: Any = FORCE) -> Log:
 
 def wandering(ticks: int = 200, seed: int = 1) -> np.ndarray:
     return np.cumsum(np.random.default_rng(seed).normal(size=ticks))
+
+
+def assert_holds_a_bad_reading(config: Any) -> None:
+    """Readings that are no numbers hold the command, and afterwards it is as if they had not been."""
+    forces = wandering()
+    command = commands(config, np.insert(forces, 50, [np.nan, np.inf]))["displacement_command"][:, 0]
+    assert (command[50:52] == command[49]).all()
+    straight = commands(config, forces)["displacement_command"][:, 0]
+    np.testing.assert_array_equal(np.delete(command, [50, 51]), straight)
+
+
+def assert_does_not_wind_up(config: Any, high: float, tick: int) -> None:
+    """A lower_limit of -1e-3 m is kept while 15 N are wanted, `high` [s] long, and left before `tick` when 2 N are."""
+    log = pressed(config, round(2 * high / PERIOD), desired=lambda t: 15.0 if t < high else 2.0)
+    command = log["displacement_command"][:, 0]
+    assert command.min() == -1e-3
+    assert command[tick] > -1e-3

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from forcectl.force.baselines.disturbance_observer import DisturbanceObserverConfig
-from tests.force.baselines.ideal_plant import C_T, FORCE, PERIOD, commands, model, pressed, wandering
+from tests.force.baselines.ideal_plant import (
+    C_T,
+    FORCE,
+    PERIOD,
+    assert_does_not_wind_up,
+    assert_holds_a_bad_reading,
+    model,
+    pressed,
+)
 
 
 def simulated(config: DisturbanceObserverConfig, ticks: int, r: float) -> np.ndarray:
@@ -55,17 +63,8 @@ def test_the_model_has_the_lag_of_the_sensor():
 
 
 def test_a_limit_does_not_wind_it_up():
-    config = DisturbanceObserverConfig(lower_limit=-1e-3, model_lag=0.0)
-    log = pressed(config, 6000, desired=lambda t: 15.0 if t < 6.0 else 2.0)
-    command = log["displacement_command"][:, 0]
-    assert command.min() == -1e-3
-    assert command[3600] > -1e-3
+    assert_does_not_wind_up(DisturbanceObserverConfig(lower_limit=-1e-3, model_lag=0.0), 6.0, 3600)
 
 
 def test_a_bad_reading_holds_the_command():
-    forces = wandering()
-    with_gap = np.insert(forces, 50, [np.nan, np.inf])
-    command = commands(DisturbanceObserverConfig(), with_gap)["displacement_command"][:, 0]
-    assert (command[50:52] == command[49]).all()
-    straight = commands(DisturbanceObserverConfig(), forces)["displacement_command"][:, 0]
-    np.testing.assert_array_equal(np.delete(command, [50, 51]), straight)
+    assert_holds_a_bad_reading(DisturbanceObserverConfig())

@@ -11,7 +11,15 @@ from forcectl.errors import BadInputError
 from forcectl.force.admittance import AdmittanceConfig
 from forcectl.force.baselines.impedance import AdaptiveAdmittanceConfig, ImpedanceConfig, ImpedanceForceLaw
 from forcectl.testing import run_diagram
-from tests.force.baselines.ideal_plant import C_T, FORCE, PERIOD, commands, model, pressed, wandering
+from tests.force.baselines.ideal_plant import (
+    C_T,
+    FORCE,
+    PERIOD,
+    assert_does_not_wind_up,
+    assert_holds_a_bad_reading,
+    model,
+    pressed,
+)
 
 ADAPTIVE = AdaptiveAdmittanceConfig()
 IMPEDANCE = ImpedanceConfig()
@@ -115,20 +123,11 @@ def test_that_polynomial_is_the_loop():
 
 @pytest.mark.parametrize("config", [ADAPTIVE, IMPEDANCE, ADAPTED])
 def test_a_bad_reading_holds_the_command(config):
-    forces = wandering()
-    with_gap = np.insert(forces, 50, [np.nan, np.inf])
-    command = commands(config, with_gap)["displacement_command"][:, 0]
-    assert (command[50:52] == command[49]).all()
-    straight = commands(config, forces)["displacement_command"][:, 0]
-    np.testing.assert_array_equal(np.delete(command, [50, 51]), straight)
+    assert_holds_a_bad_reading(config)
 
 
 def test_a_limit_does_not_wind_it_up():
-    config = AdaptiveAdmittanceConfig(lower_limit=-1e-3)
-    log = pressed(config, 4000, desired=lambda t: 15.0 if t < 4.0 else 2.0)
-    command = log["displacement_command"][:, 0]
-    assert command.min() == -1e-3
-    assert command[2200] > -1e-3
+    assert_does_not_wind_up(AdaptiveAdmittanceConfig(lower_limit=-1e-3), 4.0, 2200)
 
 
 def test_an_impedance_that_is_unstable_alone_is_refused():

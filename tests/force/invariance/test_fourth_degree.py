@@ -18,7 +18,6 @@ from forcectl.force.invariance.fourth_degree import (
 )
 from forcectl.force.invariance.functions import invariance_function
 from forcectl.framework.fields import stacked
-from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.testing import assert_docstring_matches, assert_passes_no_nan, assert_ports, run_diagram
 from tests.examples.fourth_degree_runs import (
@@ -34,6 +33,7 @@ from tests.examples.fourth_degree_runs import (
     settled,
     the_step,
 )
+from tests.examples.plant_models import plant_model
 
 # --- the equations ---------------------------------------------------------------------------------------------------
 
@@ -256,15 +256,7 @@ def test_ports() -> None:
     assert_docstring_matches(with_port)
 
 
-MODEL = PlantModel(
-    size=2,
-    period=PERIOD,
-    robot_compliance=np.array([3e-5, 2e-5]),
-    environment_compliance=np.array([1.7e-4, 1e-5]),
-    sensor_bandwidth=20.0,
-    sensor_damping_ratio=0.9,
-    sensor_delay=0.0,
-)
+MODEL = plant_model([3e-5, 2e-5], [1.7e-4, 1e-5], sensor_bandwidth=20.0, sensor_damping_ratio=0.9)
 
 
 def test_config_uses_what_it_is_told() -> None:

@@ -18,6 +18,7 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import ForceSensor
 from forcectl.testing import Log, run_diagram
 from tests.examples.experiment_runs import run_variant
+from tests.examples.plant_models import plant_model
 
 PERIOD, FORCE = 0.002, 15.0
 STIFFNESS, C_R = 1e5, 3.2e-5
@@ -26,15 +27,7 @@ INPUTS = ("desired_force", "surface", "slip", "path_displacement")
 
 
 def model(n: int = 1, delay: float = 0.0) -> PlantModel:
-    return PlantModel(
-        size=n,
-        period=PERIOD,
-        robot_compliance=np.full(n, C_R),
-        environment_compliance=np.full(n, 1 / STIFFNESS),
-        sensor_bandwidth=12.6,
-        sensor_damping_ratio=1.0,
-        sensor_delay=delay,
-    )
+    return plant_model(np.full(n, C_R), np.full(n, 1 / STIFFNESS), sensor_delay=delay)
 
 
 def loop(config: InvarianceConfig, delay: float = 0.0) -> Diagram:
