@@ -1,7 +1,5 @@
 """Settings for every test: one thread per process, figures without a display, forcectl's own pytest plugin."""
 
-from __future__ import annotations
-
 import gc
 import os
 import shutil

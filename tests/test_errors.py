@@ -1,7 +1,5 @@
 """Errors are data: key, value, what is allowed and where; the line is made of them at the end."""
 
-from __future__ import annotations
-
 import pickle
 
 import pytest

@@ -1,7 +1,5 @@
 """Metrics against closed forms of first- and second-order responses, and on the edges where they are undefined."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """Metrics of moving references against the closed form of a lag of first order."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Errors of estimated wrenches on made-up logs: quantiles, how soon a load is felt, axes of the tool."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

@@ -1,7 +1,5 @@
 """Bad input: one line that names key or file, value and what is allowed; exit code 2; nothing is written."""
 
-from __future__ import annotations
-
 import math
 import sys
 from shutil import copytree

@@ -3,8 +3,6 @@
 The line has the file, the line in it, the full key, the value or what is wrong with it, and what is allowed.
 """
 
-from __future__ import annotations
-
 import copy
 import random
 import re

@@ -1,7 +1,5 @@
 """`forcectl list` and `schema`, and what a shell completes."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The command `forcectl faults`."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Too little memory is told in one line, before libraries fail to load."""
 
-from __future__ import annotations
-
 import resource
 
 

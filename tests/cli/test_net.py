@@ -1,7 +1,5 @@
 """An error that nobody foresaw is one line, and its traceback is there for who asks."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """A station behind its joint interface: rest, loads, commands, delays, what is measured, contact, faults."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw

@@ -1,7 +1,5 @@
 """The model of the plant agrees with it until the scenario says otherwise, and shares nothing with it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder

@@ -1,7 +1,5 @@
 """The sweep `assembly_table` is what docs/assembly_table.md says of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """docs/holding.md says what is true."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

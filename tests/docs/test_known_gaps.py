@@ -1,7 +1,5 @@
 """`KNOWN_GAPS.md` names every line of a shipped experiment that is known to be missed."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

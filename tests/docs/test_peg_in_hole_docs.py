@@ -1,7 +1,5 @@
 """docs/peg_in_hole.md says what is true."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

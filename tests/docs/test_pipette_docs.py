@@ -1,7 +1,5 @@
 """docs/pipette.md says what is in the experiment, and its machine is one."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

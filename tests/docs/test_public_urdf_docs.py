@@ -1,7 +1,5 @@
 """docs/from_a_public_urdf.md says what is true: its parameters complete a public arm, and its scenarios run."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """docs/surfaces.md says what is true."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """docs/sweeps.md: the file it shows is a sweep. Its commands are run in `tests/docs/commands`."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

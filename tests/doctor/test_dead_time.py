@@ -1,7 +1,5 @@
 """The dead time of every shipped loop: what the tables say is what a step around the loop takes, within a sample."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

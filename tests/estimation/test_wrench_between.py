@@ -1,7 +1,5 @@
 """The wrench between two arms, against arms that touch: equal and opposite at the place where they do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.multibody.math import SpatialForce

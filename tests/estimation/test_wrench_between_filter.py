@@ -1,7 +1,5 @@
 """One filter for the joints of both arms: the force that both feel, led on by the arm that can be believed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The filtered wrench: exact where joints move, blind where they stand, and told so; friction that is off is learnt."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A page of HTML, read back."""
 
-from __future__ import annotations
-
 import re
 from html.parser import HTMLParser
 

@@ -1,7 +1,5 @@
 """File names from names of variants: readable, safe, no two alike."""
 
-from __future__ import annotations
-
 import re
 
 import forcectl as fc

@@ -1,7 +1,5 @@
 """Figures of a tuned controller show what they are given."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

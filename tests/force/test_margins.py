@@ -1,7 +1,5 @@
 """Linear force laws as linear systems, and the stability margins of their loops, against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator

@@ -1,7 +1,5 @@
 """Arguments of constructors that are no numbers, or numbers that every output would be lost with."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

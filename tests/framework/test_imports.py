@@ -1,7 +1,5 @@
 """What may be imported is decided on the text of a path, before anything is imported."""
 
-from __future__ import annotations
-
 import re
 import sys
 

@@ -1,7 +1,5 @@
 """Names of a package that its stub lists: found on first use, and no others."""
 
-from __future__ import annotations
-
 import os.path
 
 import pytest

@@ -1,7 +1,5 @@
 """YAML text as trees: scalars, tags, merging, overrides, differences."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """One name for every block, whoever asks: the doctor, the block diagram, the pytest plugin."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest

@@ -1,7 +1,5 @@
 """How many samples a block holds a signal, seen by running it alone."""
 
-from __future__ import annotations
-
 import pytest
 from pydrake.systems.framework import DiagramBuilder, DiscreteStateIndex, LeafSystem
 from pydrake.systems.primitives import Adder, ConstantVectorSource

@@ -1,7 +1,5 @@
 """The parts of assemblies: drawn as committed, closed, of the sizes they say, ready for hydroelastic contact."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

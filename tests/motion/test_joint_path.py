@@ -1,7 +1,5 @@
 """Joint motion as a function of time: positions and speeds that belong together, rest at the ends, limits kept."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

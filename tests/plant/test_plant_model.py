@@ -1,7 +1,5 @@
 """The model of a plant: what may be given, and what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What is assumed of drives: the stated rules, told by key, and near what two real robots have."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

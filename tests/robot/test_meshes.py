@@ -1,7 +1,5 @@
 """Meshes of public models: their points, and boxes and capsules that contain them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw

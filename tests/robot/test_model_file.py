@@ -1,7 +1,5 @@
 """Model files as Drake parses them: nothing is fetched, what is wrong is one line with the file, changes are seen."""
 
-from __future__ import annotations
-
 import pytest
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant

@@ -1,7 +1,5 @@
 """Control parameters: what is read, and that every mistake is named."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

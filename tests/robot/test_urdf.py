@@ -1,7 +1,5 @@
 """URDF files as they are found: what is wrong is told with its line, what Drake cannot use is replaced."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The files of a run directory: strict JSON, and a manifest that says how to make the run again."""
 
-from __future__ import annotations
-
 import json
 import math
 

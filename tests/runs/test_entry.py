@@ -1,7 +1,5 @@
 """Every entry point takes a name, a path, a mapping or a Scenario with the same keywords; results show themselves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from html import escape
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Logs as labelled data: names, units, stacking, bit-exact files, and the first fault."""
 
-from __future__ import annotations
-
 import gc
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The part `log` of a scenario names further outputs by path; the log says what it is of."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

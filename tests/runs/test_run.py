@@ -1,7 +1,5 @@
 """Runs from Python: results, run directories, determinism, and runs that have to stop."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Figures: what they show, and that the same log gives the same files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

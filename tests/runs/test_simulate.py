@@ -1,7 +1,5 @@
 """Gains that an experiment finds before the run are used, told and found once."""
 
-from __future__ import annotations
-
 import json
 import signal
 

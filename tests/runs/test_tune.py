@@ -1,7 +1,5 @@
 """`forcectl tune vrft` from outside: a run is exported, tuned on, and the controller it writes is run."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The report on a fit: complete, plain and strict JSON."""
 
-from __future__ import annotations
-
 import io
 import json
 

@@ -1,7 +1,5 @@
 """Processes that work for this one."""
 
-from __future__ import annotations
-
 import math
 from contextlib import closing
 from multiprocessing import Pipe

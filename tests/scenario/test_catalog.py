@@ -1,7 +1,5 @@
 """What there is to choose from, read from files alone."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

@@ -1,7 +1,5 @@
 """A scenario names code only where its user allows it, and says which; see docs/security.md."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

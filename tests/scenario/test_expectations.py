@@ -1,7 +1,5 @@
 """Verdicts: tolerances, bounds, differences, ratios, and what is only reported."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Files and folders that a scenario names are found beside its file."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.errors import BadInputError

@@ -1,7 +1,5 @@
 """`gains_from`: which experiment finds the gains of a law, and what is refused."""
 
-from __future__ import annotations
-
 import pytest
 
 import forcectl as fc

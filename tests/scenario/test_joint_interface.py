@@ -1,7 +1,5 @@
 """Scenarios of a robot behind its joint interface, from outside: run, judged, drawn, replayed, and what is wrong."""
 
-from __future__ import annotations
-
 import json
 import sys
 import textwrap

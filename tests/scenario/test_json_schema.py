@@ -3,8 +3,6 @@
 A small reader of JSON Schema stands in for a package; it knows every word that the schema uses, and no others.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import json

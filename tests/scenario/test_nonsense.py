@@ -1,7 +1,5 @@
 """What makes no sense is refused in one line with file, line, key, value and what is allowed."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.errors import BadInputError

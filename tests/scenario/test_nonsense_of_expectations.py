@@ -1,7 +1,5 @@
 """Expectations that nothing can meet, and the same said twice in different ways."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.errors import BadInputError

@@ -1,7 +1,5 @@
 """What makes no sense of machines, tasks and robots is refused in one line with the key as it is written."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.cli.target import parse_settings

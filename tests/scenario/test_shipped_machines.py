@@ -1,7 +1,5 @@
 """State machines of the shipped experiments."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Sweeps whose tables are made by hand: nothing is simulated."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a sweep makes of an engine that loses tasks: only trials that had begun have died."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Figures of a sweep show what is in its table, and nothing of them is cut off or hidden."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of a sweep is one file that needs no network, and says what the table says."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -1,7 +1,5 @@
 """The worst trials are chosen from the table, run again and kept."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Fig. 6.5: where the generator of positions comes to rest, and what the sampled chain does not allow."""
 
-from __future__ import annotations
-
 import pytest
 
 import forcectl

@@ -1,7 +1,5 @@
 """What the levels of the program make of a row that the tasks can hardly be kept within."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from forcectl.collision.distance import LinkDistance

@@ -1,7 +1,5 @@
 """Controllers linear in their gains: the forms and what they have in common."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

@@ -1,7 +1,5 @@
 """Persistent excitation of signals whose order is known; noise read off a resting record, and the bias it causes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

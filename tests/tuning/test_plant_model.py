@@ -1,7 +1,5 @@
 """The plant models behind a record."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

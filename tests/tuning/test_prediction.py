@@ -1,7 +1,5 @@
 """What a tuned loop will do: the predicted loop, and what the record itself says of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

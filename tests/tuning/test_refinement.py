@@ -1,7 +1,5 @@
 """Gains refined on a plant model come nearest to the reference model's step response."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize

@@ -1,7 +1,5 @@
 """VRFT against the best PID that direct optimisation finds, on random stable plants; prints what it reached."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The page of metrics is that of the code, says everything of each, and `forcectl explain` finds them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The baselines on the multibody robot, as the experiment `baselines` runs them."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.examples.experiment_runs import run_variant

@@ -1,7 +1,5 @@
 """Stability of the governed loop: the report equals the spectral radius of the whole loop, and is never too hopeful."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

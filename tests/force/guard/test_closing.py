@@ -1,7 +1,5 @@
 """A surface that comes closer: refused where the guard could not keep its largest force, and kept otherwise."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The estimate of the true force: quick where readings are quiet, slower where they are noisy."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A NetCDF file of somebody else: its size and where its data lie are looked at before anything is loaded."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Two columns of a CSV file."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """No file is read without an end."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.errors import BadInputError

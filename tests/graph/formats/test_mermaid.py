@@ -1,7 +1,5 @@
 """Mermaid text: its grammar, what is written on blocks and wires, odd characters."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """PNG and PDF: the picture of the SVG, with text that fits and can be searched."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os

@@ -1,7 +1,5 @@
 """Boxes fixed to the world: what is inside."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.errors import BadInputError

@@ -1,7 +1,5 @@
 """Parts of an environment have places of their own."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.errors import BadInputError

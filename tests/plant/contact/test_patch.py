@@ -1,7 +1,5 @@
 """The flat tool: its points, how stiff it is against tilting, and how the plate is turned."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A surface that moves along its normal."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Motors that are where and as fast as they were commanded."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

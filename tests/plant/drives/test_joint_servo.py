@@ -1,7 +1,5 @@
 """Servo loops by themselves: references between ticks, the law, its limit, and motors that stick."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator

@@ -1,7 +1,5 @@
 """Directories of results appear whole or not at all, and one process at a time has them."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

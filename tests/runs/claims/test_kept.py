@@ -1,7 +1,5 @@
 """What is left of a run whose process is killed: the variants that had finished."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

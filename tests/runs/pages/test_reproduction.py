@@ -1,7 +1,5 @@
 """The page of a reproduction says what its summary says, shows the figures, and needs no network."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.runs.pages import reproduction as page_module

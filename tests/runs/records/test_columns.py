@@ -1,7 +1,5 @@
 """Tables of numbers from files: any order, any of three separators, and which cell is wrong."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

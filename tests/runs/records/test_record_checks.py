@@ -1,7 +1,5 @@
 """Records that no controller can be tuned on: what is wrong is said by file and column, and sound ones pass."""
 
-from __future__ import annotations
-
 import re
 from contextlib import nullcontext
 

@@ -1,7 +1,5 @@
 """Recorded experiments: units and signs on the way in, and every fault of a record named by row or column."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

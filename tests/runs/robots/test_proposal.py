@@ -1,7 +1,5 @@
 """Which joints of a model are proposed as an arm, where a gripper begins, and which frame carries the tool."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.framework.yaml_tree import parse

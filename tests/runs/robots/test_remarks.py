@@ -1,7 +1,5 @@
 """What `forcectl robot` notes of a robot beside what is missing."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.runs.robots.report import examine_robot

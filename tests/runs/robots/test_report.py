@@ -1,7 +1,5 @@
 """`forcectl robot`: what it understands of public models, what it proposes, and that what it proposes runs."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

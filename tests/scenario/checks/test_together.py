@@ -1,7 +1,5 @@
 """What is far from the run that it is in, or from its ticks, is refused in one line."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.errors import BadInputError

@@ -1,7 +1,5 @@
 """What a scenario says to no effect is told by `check` and by the run, and refused by neither."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.runs.run import run

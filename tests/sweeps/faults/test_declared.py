@@ -1,7 +1,5 @@
 """The declared faults and what scenarios can have of them."""
 
-from __future__ import annotations
-
 import pytest
 
 import forcectl as fc

@@ -1,7 +1,5 @@
 """Rows of the table of faults, from logs made by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

@@ -1,7 +1,5 @@
 """The table of faults, on short runs in one dimension."""
 
-from __future__ import annotations
-
 import io
 import re
 

@@ -1,7 +1,5 @@
 """References that do not turn round where nothing asks for it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Forces along task coordinates: their power is that of the wrench in every motion of the joints, by Drake's own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.multibody.math import SpatialForce, SpatialVelocity

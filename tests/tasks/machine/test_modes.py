@@ -1,7 +1,5 @@
 """What a machine must be: each mistake is one line that names the key."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
