@@ -13,7 +13,7 @@ import forcectl
 from forcectl.arrays import Vector
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.station import StationConfig
-from forcectl.diagrams.workcell import Workcell, describe
+from forcectl.diagrams.workcell import Workcell
 from tests.examples.stations import pressing
 
 PERIOD = 0.002  # control tick [s]
@@ -115,8 +115,3 @@ def continuous_reference(times: Vector, gain: float, force: float = FORCE) -> Ve
     a[4, 2], a[4, 5] = -gain, gain
     start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, force])
     return np.array([(expm(a * t) @ start)[2] for t in times])
-
-
-def workcell_of(**changes: Any) -> Workcell:
-    """The workcell of a multibody station, see `multibody`."""
-    return describe(multibody(**changes))

@@ -165,10 +165,6 @@ def with_plant(block: IntegralForceLaw, plant: System, force: PiecewisePolynomia
     return builder.Build()
 
 
-def staircase(values: np.ndarray, period: float = PERIOD) -> PiecewisePolynomial:
-    return PiecewisePolynomial.ZeroOrderHold(period * np.arange(len(values) + 1), np.append(values, 0.0).reshape(1, -1))
-
-
 def straight(values: np.ndarray) -> PiecewisePolynomial:
     return PiecewisePolynomial.FirstOrderHold(PERIOD * np.arange(len(values)), values.reshape(1, -1))
 
