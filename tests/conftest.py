@@ -118,20 +118,25 @@ def warm(monkeypatch):
     monkeypatch.setattr("multiprocessing.get_context", lambda method: WARM)
 
 
+@pytest.fixture(scope="module")
+def robot():
+    """The shipped robot with its tool."""
+    from forcectl.robot.model import RobotModel
+
+    return RobotModel.load()
+
+
 @pytest.fixture
 def forcectl(monkeypatch, capfd, tmp_path):
     """Call the command line in this process, in an empty folder; returns (exit code, stdout, stderr)."""
-    from forcectl import cli
+    from tests.examples.command_line import call_here
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr("forcectl.interrupts.ending", False)  # this process goes on
 
     def call(*arguments):
-        monkeypatch.setattr("sys.argv", ["forcectl", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        output = capfd.readouterr()
-        return stopped.value.code, output.out, output.err
+        code, output = call_here(monkeypatch, capfd, *arguments)
+        return code, output.out, output.err
 
     return call

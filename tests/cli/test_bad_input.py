@@ -6,8 +6,8 @@ from shutil import copytree
 
 import pytest
 
-from forcectl import cli
 from forcectl.models import robot_folder
+from tests.examples.command_line import call_here
 from tests.examples.robot_folders import write_planar_robot
 
 CASES = [
@@ -182,13 +182,6 @@ FILES = [
 ]
 
 
-def complain(arguments, monkeypatch, capfd):
-    monkeypatch.setattr("sys.argv", ["forcectl", *arguments])
-    with pytest.raises(SystemExit) as stopped:
-        cli.main()
-    return stopped.value.code, capfd.readouterr()
-
-
 def assert_one_line(code, output, parts):
     assert code == 2
     assert output.out == ""
@@ -203,7 +196,7 @@ def assert_one_line(code, output, parts):
 @pytest.mark.parametrize(("arguments", "parts"), CASES, ids=lambda value: " ".join(value)[:60])
 def test_command_line(arguments, parts, monkeypatch, capfd, tmp_path):
     monkeypatch.chdir(tmp_path)
-    assert_one_line(*complain(arguments, monkeypatch, capfd), parts)
+    assert_one_line(*call_here(monkeypatch, capfd, *arguments), parts)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -211,7 +204,7 @@ def test_command_line(arguments, parts, monkeypatch, capfd, tmp_path):
 def test_scenario_file(text, parts, monkeypatch, capfd, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.yaml").write_text(text)
-    assert_one_line(*complain(["run", "own.yaml"], monkeypatch, capfd), parts)
+    assert_one_line(*call_here(monkeypatch, capfd, "run", "own.yaml"), parts)
     assert [path.name for path in tmp_path.iterdir()] == ["own.yaml"]
 
 
@@ -235,7 +228,7 @@ def test_a_scenario_is_no_program(text, key, path, monkeypatch, capfd, tmp_path)
     (tmp_path / "own.yaml").write_text(text.format(path=path, parameters=PARAMETERS))
     refusal = "must be of a module of your own or of an installed package, not of Python's standard library"
     loaded = set(sys.modules)
-    output = complain(["check", "own.yaml"], monkeypatch, capfd)
+    output = call_here(monkeypatch, capfd, "check", "own.yaml")
     assert_one_line(*output, [f"own.yaml:1: {key}.path = {path!r}: {refusal}\n"])
     assert [file.name for file in tmp_path.iterdir()] == ["own.yaml"]
     assert "antigravity" not in set(sys.modules) - loaded
@@ -271,7 +264,7 @@ def test_what_is_named_is_looked_at_before_it_is_called(name, allowed, monkeypat
     part = f"{{path: 'passes_on:{name}', {PARAMETERS}}}"
     for text in (f"!InvarianceRobot {{constraints: [!Import {part}]}}", f"!Import {part}"):
         (tmp_path / "own.yaml").write_text(f"controller: {text}\n")
-        assert_one_line(*complain(["check", "own.yaml"], monkeypatch, capfd), [f"path = 'passes_on:{name}'", allowed])
+        assert_one_line(*call_here(monkeypatch, capfd, "check", "own.yaml"), [f"path = 'passes_on:{name}'", allowed])
     assert not (tmp_path / "written").exists()
     sys.modules.pop("passes_on", None)
 
@@ -306,7 +299,7 @@ def test_files_of_a_robot(file, old, new, parts, monkeypatch, capfd, tmp_path):
     text = (tmp_path / "planar" / file).read_text()
     assert old in text
     (tmp_path / "planar" / file).write_text(text.replace(old, new))
-    output = complain(["run", "fig_2_8", "--set", "station.robot=planar"], monkeypatch, capfd)
+    output = call_here(monkeypatch, capfd, "run", "fig_2_8", "--set", "station.robot=planar")
     assert_one_line(*output, parts)
 
 
@@ -314,7 +307,7 @@ def test_a_default_posture_that_is_singular_is_that_of_the_robots_file(monkeypat
     monkeypatch.chdir(tmp_path)
     file = copytree(robot_folder("comau_smart_six"), tmp_path / "own") / "comau_smart_six.control.yaml"
     file.write_text(file.read_text().replace("[0, 0, -90, 0, 90, 0]", "[0, 0, -90, 0, 0, 0]"))
-    output = complain(["check", "fig_2_8", "--set", "station.robot=own"], monkeypatch, capfd)
+    output = call_here(monkeypatch, capfd, "check", "fig_2_8", "--set", "station.robot=own")
     said = (
         "comau_smart_six.control.yaml: default_posture_deg = [0.0, 0.0, -90.0, 0.0, 0.0, 0.0]: is singular for motion"
     )
@@ -324,22 +317,22 @@ def test_a_default_posture_that_is_singular_is_that_of_the_robots_file(monkeypat
 def test_files_that_are_no_text(monkeypatch, capfd, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.yaml").write_bytes(bytes(range(256)))
-    assert_one_line(*complain(["run", "own.yaml"], monkeypatch, capfd), ["'own.yaml'", "not UTF-8"])
+    assert_one_line(*call_here(monkeypatch, capfd, "run", "own.yaml"), ["'own.yaml'", "not UTF-8"])
     (tmp_path / "folder.yaml").mkdir()
-    assert_one_line(*complain(["run", "folder.yaml"], monkeypatch, capfd), ["'folder.yaml' is a folder"])
+    assert_one_line(*call_here(monkeypatch, capfd, "run", "folder.yaml"), ["'folder.yaml' is a folder"])
 
 
 def test_output_that_exists_or_cannot_be_written(monkeypatch, capfd, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there").mkdir()
     (tmp_path / "file").write_text("")
-    assert_one_line(*complain(["run", "fig_2_8", "--out", "there"], monkeypatch, capfd), ["'there' exists", "--force"])
+    assert_one_line(*call_here(monkeypatch, capfd, "run", "fig_2_8", "--out", "there"), ["'there' exists", "--force"])
     arguments = ["run", "fig_2_8", "--out", "file", "--force"]
-    assert_one_line(*complain(arguments, monkeypatch, capfd), ["'file' is not the directory of a run"])
+    assert_one_line(*call_here(monkeypatch, capfd, *arguments), ["'file' is not the directory of a run"])
     arguments = ["run", "fig_2_8", "--set", "duration=0.1", "--out", "file/below"]
-    assert_one_line(*complain(arguments, monkeypatch, capfd), ["'file/below' cannot be written"])
+    assert_one_line(*call_here(monkeypatch, capfd, *arguments), ["'file/below' cannot be written"])
     arguments[-1] = 300 * "n"
-    assert_one_line(*complain(arguments, monkeypatch, capfd), ["cannot be written: File name too long"])
+    assert_one_line(*call_here(monkeypatch, capfd, *arguments), ["cannot be written: File name too long"])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "there"]
 
 
@@ -380,11 +373,11 @@ def test_a_class_of_a_user_that_raises_or_exits_is_one_line(name, said, monkeypa
     monkeypatch.chdir(tmp_path)
     (tmp_path / "of_a_user.py").write_text(OF_A_USER)
     (tmp_path / "own.yaml").write_text(f"controller: !Import {{path: 'of_a_user:{name}'}}\n")
-    assert_one_line(*complain(["check", "own.yaml"], monkeypatch, capfd), [said])
+    assert_one_line(*call_here(monkeypatch, capfd, "check", "own.yaml"), [said])
 
 
 def test_a_module_of_a_user_that_exits_is_one_line(monkeypatch, capfd, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "that_exits.py").write_text("raise SystemExit(4)\n")
     (tmp_path / "own.yaml").write_text("controller: !Import {path: 'that_exits:Law'}\n")
-    assert_one_line(*complain(["check", "own.yaml"], monkeypatch, capfd), ["must be importable, but: SystemExit: 4"])
+    assert_one_line(*call_here(monkeypatch, capfd, "check", "own.yaml"), ["must be importable, but: SystemExit: 4"])

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 
-from forcectl.models import add_packages, list_robots, list_tools, models_folder
+from forcectl.models import list_robots, list_tools
 from forcectl.robot.model import RobotModel
+from tests.examples.model_files import dh_transform, loaded_without_a_warning, parse
 
 GOLDEN = yaml.safe_load((Path(__file__).parents[1] / "data" / "comau_golden.yaml").read_text())
 DH = GOLDEN["dh"]
@@ -38,19 +37,8 @@ def dh_pose(q: np.ndarray, joints: int = 6) -> np.ndarray:
     pose = np.eye(4)
     for i in range(joints):
         t, a, d, alpha = DH["sign"][i] * q[i] + DH["offset"][i], DH["a"][i], DH["d"][i], DH["alpha"][i]
-        ct, st, ca, sa = np.cos(t), np.sin(t), np.cos(alpha), np.sin(alpha)
-        pose = pose @ np.array(
-            [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]]
-        )
+        pose = pose @ dh_transform(t, a, d, alpha)
     return pose
-
-
-def parse(file: str, plant: MultibodyPlant, strict: bool = True) -> None:
-    parser = Parser(plant)
-    add_packages(parser.package_map())
-    if strict:
-        parser.SetStrictParsing()  # a warning becomes an exception
-    parser.AddModels(models_folder() / file)
 
 
 @pytest.mark.parametrize("row", GOLDEN["inverse_dynamics"], ids=lambda row: str(row["q_deg"]))
@@ -176,14 +164,7 @@ def test_default_posture_points_the_tool_down_and_is_not_singular():
 @pytest.mark.parametrize("file", FILES)
 @pytest.mark.parametrize("with_geometry", [False, True])
 def test_models_load_without_a_warning(file, with_geometry, caplog):
-    builder = DiagramBuilder()
-    plant = AddMultibodyPlantSceneGraph(builder, 0.001)[0] if with_geometry else MultibodyPlant(0.001)
-    with caplog.at_level(logging.WARNING, logger="drake"):
-        parse(file, plant)
-        plant.Finalize()
-        if with_geometry:
-            builder.Build().CreateDefaultContext()
-    assert [record.message for record in caplog.records] == []
+    loaded_without_a_warning(file, with_geometry, caplog)
 
 
 @pytest.mark.parametrize(("directives", "tool"), [("comau_smart_six", None), ("comau_with_probe", "force_probe")])

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import DiagramBuilder
 
-from forcectl.models import add_packages, list_robots, models_folder
+from forcectl.models import list_robots, models_folder
 from forcectl.robot.model import RobotModel
 from forcectl.robot.momentum_model import MomentumModel
 from forcectl.robot.robot_motion import RobotMotion
+from tests.examples.model_files import dh_transform, loaded_without_a_warning, parse
 from tests.examples.pinocchio_model import PinocchioModel
 
 GOLDEN = yaml.safe_load((Path(__file__).parents[1] / "data" / "yumi_golden.yaml").read_text())
@@ -50,10 +48,7 @@ def dh_pose(q: np.ndarray) -> np.ndarray:
     """Flange in the arm base as a 4x4 matrix, from the table alone."""
     pose = np.eye(4)
     for joint, alpha, a, d, offset in zip(q, DH["alpha"], DH["a"], DH["d"], DH["offset"], strict=True):
-        ct, st, ca, sa = np.cos(joint + offset), np.sin(joint + offset), np.cos(alpha), np.sin(alpha)
-        pose = pose @ np.array(
-            [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]]
-        )
+        pose = pose @ dh_transform(joint + offset, a, d, alpha)
     return pose
 
 
@@ -347,24 +342,10 @@ FILES = [
 ]
 
 
-def parse(file: str, plant: MultibodyPlant) -> None:
-    parser = Parser(plant)
-    add_packages(parser.package_map())
-    parser.SetStrictParsing()  # a warning becomes an exception
-    parser.AddModels(models_folder() / file)
-
-
 @pytest.mark.parametrize("file", FILES)
 @pytest.mark.parametrize("with_geometry", [False, True])
 def test_models_load_without_a_warning_and_every_inertia_is_physical(file, with_geometry, caplog):
-    builder = DiagramBuilder()
-    plant = AddMultibodyPlantSceneGraph(builder, 0.001)[0] if with_geometry else MultibodyPlant(0.001)
-    with caplog.at_level(logging.WARNING, logger="drake"):
-        parse(file, plant)
-        plant.Finalize()
-        if with_geometry:
-            builder.Build().CreateDefaultContext()
-    assert [record.message for record in caplog.records] == []
+    plant = loaded_without_a_warning(file, with_geometry, caplog)
     context = plant.CreateDefaultContext()
     for index in range(1, plant.num_bodies()):  # 0 is the world
         inertia = plant.get_body(BodyIndex(index)).CalcSpatialInertiaInBodyFrame(context)

@@ -21,11 +21,6 @@ from tests.examples.robot_folders import CONTROL, LINK_LENGTH, write_planar_robo
 POSTURE = np.array([0.3, 0.5, -1.2, 0.7, 1.1, -0.4])
 
 
-@pytest.fixture(scope="module")
-def robot() -> RobotModel:
-    return RobotModel.load()
-
-
 def along(robot: RobotModel, n: np.ndarray, q: np.ndarray, stiffness: np.ndarray) -> float:
     context = robot.create_context()
     robot.set_positions(context, q)

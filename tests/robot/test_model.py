@@ -20,11 +20,6 @@ from tests.examples.robot_folders import CONTROL, LINK_LENGTH, write_planar_robo
 POSTURE = np.array([0.3, 0.5, -1.2, 0.7, 1.1, -0.4])
 
 
-@pytest.fixture(scope="module")
-def robot() -> RobotModel:
-    return RobotModel.load()
-
-
 @pytest.fixture
 def planar(tmp_path: Path) -> Path:
     return write_planar_robot(tmp_path / "planar")

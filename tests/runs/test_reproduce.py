@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 
 import forcectl as fc
-from forcectl import cli
 from forcectl.analysis.findings.finding import Severity
 from forcectl.runs import run as run_module
 from forcectl.runs.logs import read_netcdf
 from forcectl.runs.reproduce import InterruptedReproductionError
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.layers import select_variants
+from tests.examples.command_line import call_here
 from tests.examples.experiment_runs import run_experiment, run_variant
 from tests.examples.html_page import Page
 
@@ -57,16 +57,11 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
-def call(arguments, monkeypatch, capfd):
-    monkeypatch.setattr("sys.argv", ["forcectl", "reproduce", *arguments])
-    with pytest.raises(SystemExit) as stopped:
-        cli.main()
-    return stopped.value.code, capfd.readouterr()
-
-
 @pytest.mark.slow
 def test_variants_and_fidelities_run_in_processes_and_are_judged(files, monkeypatch, capfd):
-    code, output = call(["quick.yaml", "one_fails.yaml", "--out", "here", "--workers", "2"], monkeypatch, capfd)
+    code, output = call_here(
+        monkeypatch, capfd, "reproduce", "quick.yaml", "one_fails.yaml", "--out", "here", "--workers", "2"
+    )
     assert code == 0
     summary = json.loads((files / "here" / "summary.json").read_text())
     assert set(summary) == {"quick", "one_fails"}
@@ -132,10 +127,10 @@ def test_results_are_there_once_an_experiment_has_run_and_one_that_cannot_be_dra
 
 def test_check_turns_a_missed_target_into_exit_code_1(files, warm, monkeypatch, capfd):
     arguments = ["quick.yaml", "--check", "--fidelity", "OneDimensional", "--workers", "1"]
-    assert call(arguments, monkeypatch, capfd)[0] == 1
+    assert call_here(monkeypatch, capfd, "reproduce", *arguments)[0] == 1
     rows = json.loads((files / "runs" / "reproduce-1" / "summary.json").read_text())["quick"]
     assert set(rows) == {"peak", "published", "one only"}
-    code, output = call([*arguments, "--json", "--seed", "2"], monkeypatch, capfd)
+    code, output = call_here(monkeypatch, capfd, "reproduce", *arguments, "--json", "--seed", "2")
     printed = json.loads(output.out)
     assert (code, printed["passed"], set(printed["experiments"]["quick"])) == (1, False, set(rows))
     assert printed["directory"] == "runs/reproduce-2"
@@ -144,7 +139,7 @@ def test_check_turns_a_missed_target_into_exit_code_1(files, warm, monkeypatch, 
 @pytest.mark.slow
 def test_a_value_away_from_the_expected_one_is_drift_and_turns_check_into_exit_code_1(files, warm, monkeypatch, capfd):
     (files / "drifted.yaml").write_text(DRIFTED)
-    code, output = call(["drifted.yaml", "--out", "here", "--workers", "1"], monkeypatch, capfd)
+    code, output = call_here(monkeypatch, capfd, "reproduce", "drifted.yaml", "--out", "here", "--workers", "1")
     assert code == 0
     rows = json.loads((files / "here" / "summary.json").read_text())["drifted"]
     assert {target: (row["pass"], row["expected"], row["drift"]) for target, row in rows.items()} == {
@@ -156,8 +151,13 @@ def test_a_value_away_from_the_expected_one_is_drift_and_turns_check_into_exit_c
     }
     assert "from 40" in output.out
     assert "drifted: 1" in output.out
-    assert call(["drifted.yaml", "--check", "--workers", "1"], monkeypatch, capfd)[0] == 1
-    assert call(["drifted.yaml", "--check", "--fidelity", "Kinematic", "--workers", "1"], monkeypatch, capfd)[0] == 0
+    assert call_here(monkeypatch, capfd, "reproduce", "drifted.yaml", "--check", "--workers", "1")[0] == 1
+    assert (
+        call_here(
+            monkeypatch, capfd, "reproduce", "drifted.yaml", "--check", "--fidelity", "Kinematic", "--workers", "1"
+        )[0]
+        == 0
+    )
 
 
 def test_a_known_gap_is_shown_as_missed_with_its_reason_and_fails_no_check(files, warm, monkeypatch, capfd):
@@ -166,7 +166,7 @@ def test_a_known_gap_is_shown_as_missed_with_its_reason_and_fails_no_check(files
     )
     (files / "quick.yaml").write_text(gap)
     arguments = ["quick.yaml", "--check", "--fidelity", "OneDimensional", "--workers", "1", "--out", "here"]
-    code, output = call(arguments, monkeypatch, capfd)
+    code, output = call_here(monkeypatch, capfd, "reproduce", *arguments)
     assert code == 0
     said = " ".join(output.out.split())
     assert "1 of 2 targets met, known gaps: 1, drifted: 0" in said
@@ -181,7 +181,7 @@ def test_a_known_gap_that_is_met_is_out_of_date_and_fails_a_check(files, warm, m
     kept = QUICK.replace("maximum: 50.0, fidelities: [Kinematic]}", gap).replace("relative: 0.01", "relative: 2.0")
     (files / "quick.yaml").write_text(kept)
     arguments = ["quick.yaml", "--check", "--workers", "1", "--out", "here"]
-    code, output = call([*arguments, "--fidelity", "Kinematic"], monkeypatch, capfd)
+    code, output = call_here(monkeypatch, capfd, "reproduce", *arguments, "--fidelity", "Kinematic")
     assert code == 1
     said = " ".join(output.out.split())
     assert "3 of 3 targets met, known gaps out of date: 1, drifted: 0" in said
@@ -189,7 +189,7 @@ def test_a_known_gap_that_is_met_is_out_of_date_and_fails_a_check(files, warm, m
     row = json.loads((files / "here" / "summary.json").read_text())["quick"]["one only"]
     assert (row["pass"], row["gap"]) == (True, "it sticks")
     # On another fidelity the gap is none.
-    code, output = call([*arguments, "--force", "--fidelity", "OneDimensional"], monkeypatch, capfd)
+    code, output = call_here(monkeypatch, capfd, "reproduce", *arguments, "--force", "--fidelity", "OneDimensional")
     assert (code, "out of date" in output.out) == (0, False)
 
 
@@ -205,11 +205,11 @@ def test_results_equal_those_of_a_run_in_this_process(files, warm):
 
 def test_nothing_is_run_when_one_experiment_is_wrong_or_the_output_exists(files, monkeypatch, capfd):
     (files / "wrong.yaml").write_text("duration: -1\n")
-    code, output = call(["quick.yaml", "wrong.yaml", "--out", "here"], monkeypatch, capfd)
+    code, output = call_here(monkeypatch, capfd, "reproduce", "quick.yaml", "wrong.yaml", "--out", "here")
     assert code == 2
     assert output.err == "error: wrong.yaml:1: duration = -1.0: must be positive, at most 86400\n"
     (files / "here").mkdir()
-    assert call(["quick.yaml", "--out", "here"], monkeypatch, capfd)[0] == 2
+    assert call_here(monkeypatch, capfd, "reproduce", "quick.yaml", "--out", "here")[0] == 2
 
 
 def test_two_experiments_of_one_name_are_refused(files):

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import forcectl as fc
-from forcectl import cli
 from forcectl.analysis.tables.motion_tables import LOOP_METRICS
 from forcectl.diagrams.drives.joint_interface import JointInterfaceConfig
 from forcectl.doctor.examine import examine
 from forcectl.framework.yaml_tree import parse
 from forcectl.scenario import catalog
 from forcectl.scenario.scenario import Scenario
+from tests.examples.command_line import call_here
 
 SHORT = """
 title: Short
@@ -47,16 +47,9 @@ def short(tmp_path, monkeypatch):
     return path
 
 
-def forcectl(monkeypatch, capfd, *arguments):
-    monkeypatch.setattr("sys.argv", ["forcectl", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stopped:
-        cli.main()
-    return stopped.value.code, capfd.readouterr()
-
-
 @pytest.mark.slow
 def test_a_run_leaves_what_every_run_leaves(short, monkeypatch, capfd):
-    code, output = forcectl(monkeypatch, capfd, "run", short, "--out", "here", "--replay")
+    code, output = call_here(monkeypatch, capfd, "run", short, "--out", "here", "--replay")
     assert (code, output.err) == (0, "")
     assert "tracking_error_rad" in output.out
     folder = short.parent / "here"
@@ -133,7 +126,7 @@ def test_overrides_reach_every_part(short):
 )
 def test_what_is_wrong_is_said_in_one_line(short, monkeypatch, capfd, text, message):
     short.write_text(SHORT.split("variants:")[0] + f"variants: {{wrong: {{{text}}}}}\n")
-    code, output = forcectl(monkeypatch, capfd, "run", short)
+    code, output = call_here(monkeypatch, capfd, "run", short)
     assert code == 2
     assert message in output.err
     assert output.err.count("\n") == 1

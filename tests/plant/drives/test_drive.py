@@ -11,7 +11,6 @@ from forcectl.errors import BadInputError
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.motors import joint_to_motor
 from forcectl.plant.drives.servo import ServoGains, servo_steps, step_coefficients
-from forcectl.robot.model import RobotModel
 from forcectl.testing import assert_ports, run_diagram
 
 STEP = 0.0005
@@ -19,11 +18,6 @@ GAINS = {"position_gain": 25.0, "velocity_gain": 200.0, "integral_gain": 15.0}
 INERTIA = np.array([10.2, 12.3, 9.3, 0.11, 0.27, 0.105])
 COULOMB = np.array([37.7, 51.8, 30.2, 4.5, 5.8, 5.3])
 VISCOUS = np.array([33.5, 47.1, 42.3, 1.77, 5.13, 1.14])
-
-
-@pytest.fixture(scope="module")
-def robot() -> RobotModel:
-    return RobotModel.load()
 
 
 def make(n: int = 6, **changed: object) -> Drive:

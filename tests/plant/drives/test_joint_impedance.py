@@ -21,11 +21,6 @@ joints = st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3).map(np.array)
 gains = st.lists(st.floats(0.0, 1e5), min_size=3, max_size=3).map(np.array)
 
 
-@pytest.fixture(scope="module")
-def robot() -> RobotModel:
-    return RobotModel.load()
-
-
 def gravity_at(robot: RobotModel, links: np.ndarray) -> np.ndarray:
     context = robot.create_context()
     robot.set_positions(context, links)

@@ -7,14 +7,8 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from forcectl.errors import BadInputError
 from forcectl.plant.drives.motors import MOTOR_PORTS, Motors, export_motion, joint_to_motor, rotor_inertia
-from forcectl.robot.model import RobotModel
 
 S = np.array([[1.0, 0.0], [-0.02, 1.0]])
-
-
-@pytest.fixture(scope="module")
-def robot() -> RobotModel:
-    return RobotModel.load()
 
 
 def test_couplings_of_the_comau_wrist(robot):

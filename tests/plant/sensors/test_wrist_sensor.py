@@ -46,11 +46,6 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 TOOL_MASS, TOOL_CENTRE = 0.99730704, np.array([0.0, 0.0, 0.03583173])
 
 
-@pytest.fixture(scope="module")
-def robot() -> RobotModel:
-    return RobotModel.load()
-
-
 def pose_of_sensor(robot: RobotModel, q: np.ndarray) -> RigidTransform:
     context = robot.create_context()
     robot.set_positions(context, q)
