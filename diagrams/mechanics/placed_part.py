@@ -159,13 +159,9 @@ def _root(plant: MultibodyPlant, instance: ModelInstanceIndex, config: PartConfi
     if len(roots) != 1:
         named = ", ".join(body.name() for body in roots)
         raise BadInputError(f"{fault}, but {f'{named} are apart' if roots else 'stands in the world'}", key="model")
-    if config.arm and not any(_has_inertia(body) for body in bodies):
+    if config.arm and not any(body.default_mass() > 0 and principal_moments(body).min() > 0 for body in bodies):
         raise BadInputError(f" = {config.model!r}: must have mass and moments of inertia to be held", key="model")
     return roots[0]
-
-
-def _has_inertia(body: RigidBody) -> bool:
-    return bool(body.default_mass() > 0 and principal_moments(body).min() > 0)
 
 
 def _ring(bodies: Iterable[RigidBody]) -> SpatialInertia:

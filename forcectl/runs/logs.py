@@ -38,10 +38,6 @@ from forcectl.runs.directory import write_file
 from forcectl.scenario.scenario import Scenario
 
 
-def _words(numbers: type[IntEnum]) -> tuple[str, ...]:
-    return tuple(number.name.lower() for number in numbers)
-
-
 def _counted(numbers: type[IntEnum]) -> str:
     return ", ".join(f"{number.value} {number.name.lower()}" for number in numbers)
 
@@ -52,7 +48,7 @@ _COMMENTS = {
     f"ones, the controller's own: {_counted(Status)}",
     "wrench_deviation": "standard deviations of the estimated wrenches, in the axes of each TCP",
 }
-_MEANINGS = {"governor_status": _words(Status)}
+_MEANINGS = {"governor_status": tuple(number.name.lower() for number in Status)}
 
 
 class ChunkedLog:

@@ -191,10 +191,10 @@ class ReactiveController(SampledBlock):
         Ts = self._period = check("period", robot.parameters.period if period is None else period, "positive")
         if not tasks:
             raise invalid("tasks", list(tasks), "at least one")
-        self._tasks = tuple(tasks)
+        self.tasks = tuple(tasks)  # in the order of the coordinates
         q0 = batch_values("start", robot.parameters.default_posture if start is None else start, self._n)
         origin = ArmsMotion(robot, robot.create_context(), q0, np.zeros(self._n))
-        state = gathered(self._tasks, origin)
+        state = gathered(self.tasks, origin)
         self._size = len(state.value)
 
         limits = checked_limits(robot.limits if limits is None else limits, origin)
@@ -209,7 +209,7 @@ class ReactiveController(SampledBlock):
         self.force_tasks: tuple[ArmTask, ...] = tuple(band.task for band in self._bands)  # of measured_force
         origin.forces = dict.fromkeys(self._bands, 0.0)
         chosen = JointSpeed() if criterion is None else criterion
-        shared = (robot, origin, limits, self._tasks, constraints, chosen, weights)
+        shared = (robot, origin, limits, self.tasks, constraints, chosen, weights)
         builder = ModeBuilder(*shared, constraint_gamma, approach, Ts, solver)
         self._has_modes, self._modes = bool(modes), builder.built(modes)
         self.num_modes = len(self._modes)  # 1 without `modes`
@@ -218,11 +218,6 @@ class ReactiveController(SampledBlock):
         )
         self._progress = TaskProgress(self._tolerance, supervision.patience, Ts)
         self._declare(q0, state.value)
-
-    @property
-    def tasks(self) -> tuple[ArmTask, ...]:
-        """The tasks, in the order of the coordinates."""
-        return self._tasks
 
     @property
     def period(self) -> float:
@@ -363,7 +358,7 @@ class ReactiveController(SampledBlock):
         motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
         if self._bands:
             motion.forces = dict(zip(self._bands, inputs["measured_force"].tolist(), strict=True))
-        state = gathered(self._tasks, motion, memory["coordinates"])
+        state = gathered(self.tasks, motion, memory["coordinates"])
         number = before = int(memory["mode"])
         asked = inputs["mode"].item() if self._has_modes else 0
         good = not stops and asked in range(len(self._modes))

@@ -138,7 +138,7 @@ class GravityCompensation(PythonBlock):
             self,
             "posture of the links",
             lambda: AbstractValue.Make(robot.create_context()),
-            lambda block, context, value: block._set_posture(context, value),
+            lambda block, context, value: robot.set_positions(value.get_mutable_value(), block._links(context)),
             reads,
         )
         self.DeclareStateOutputPort("gravity_torque", self._torque)
@@ -149,9 +149,6 @@ class GravityCompensation(PythonBlock):
     def _links(self, context: Context) -> Vector:
         torque = context.get_discrete_state(self._torque).value()
         return self._position.Eval(context) - torque / self._stiffness
-
-    def _set_posture(self, context: Context, value: AbstractValue) -> None:
-        self._robot.set_positions(value.get_mutable_value(), self._links(context))
 
     def _renew(self, context: Context, next_state: DiscreteValues) -> None:
         links = self._links(context)

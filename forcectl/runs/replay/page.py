@@ -6,10 +6,10 @@ import json
 from collections.abc import Sequence
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, select_autoescape
 
 from forcectl.analysis.transitions import Stay
 from forcectl.arrays import Array
+from forcectl.runs.pages.layout import rendered
 from forcectl.runs.replay.forces import ARROW, ShownForce
 
 
@@ -36,10 +36,9 @@ def with_panel(
         "arrows": [force.path for force in forces],
         "forces": [[_number(size) for size in np.linalg.norm(force.values[pictures], axis=1)] for force in forces],
     }
-    template = Environment(
-        loader=PackageLoader("forcectl.runs.replay"), autoescape=select_autoescape(["html.j2"]), trim_blocks=True
-    ).get_template("replay.html.j2")
-    panel = template.render(
+    panel = rendered(
+        "forcectl.runs.replay",
+        "replay.html.j2",
         title=title,
         forces=[(force.label, _css(force)) for force in forces],
         millimetres=f"{1e3 * ARROW:g}",

@@ -55,8 +55,6 @@ from forcectl.framework.kernels import largest, smallest
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.motion.trajectory import Limits, Motion, Planner, Target, TrajectoryState, begin
 
-Flags = Mask
-
 _START = ("start_position", "start_velocity", "start_acceleration")
 _REFERENCES = tuple(f"task_{name}_reference" for name in ("position", "velocity", "acceleration"))
 _ROUNDING = 1e-9
@@ -127,12 +125,12 @@ class ModeReferences(NamedTuple):
         limits: of the generator.
     """
 
-    followed: Flags
+    followed: Mask
     position: Array
     by: Array
     velocity: Array
-    stays: Flags
-    comply: Flags
+    stays: Mask
+    comply: Mask
     force: Array
     slowest: Array
     fastest: Array
@@ -337,7 +335,7 @@ class CompliantReferences(SampledBlock):
         }
 
     @staticmethod
-    def _felt(mode: ModeReferences, last: Array, measured: Array) -> tuple[Flags, Array, Array]:
+    def _felt(mode: ModeReferences, last: Array, measured: Array) -> tuple[Mask, Array, Array]:
         """Whether the force along a coordinate is known, that behind the hysteresis, and what is given way to.
 
         The forces are 0 where a coordinate does not comply or its force is not known.
@@ -353,7 +351,7 @@ class CompliantReferences(SampledBlock):
         return ok, force, np.where(mode.comply & ok, dead_band(force, mode.dead_band) - mode.force, 0.0)
 
     @staticmethod
-    def _taken_over(mode: ModeReferences, complied: Flags, commanded: Array, own: Array, pushed: Array) -> Array:
+    def _taken_over(mode: ModeReferences, complied: Mask, commanded: Array, own: Array, pushed: Array) -> Array:
         """The motion (3, k) that the generator goes on from at a switch of modes; the rest of the speed is dv.
 
         Args:
@@ -370,8 +368,8 @@ class CompliantReferences(SampledBlock):
         return start
 
     def _filtered(
-        self, mode: ModeReferences, position: Array, given: Array, force: Array, eased: Flags
-    ) -> tuple[Array, Array, Flags]:
+        self, mode: ModeReferences, position: Array, given: Array, force: Array, eased: Mask
+    ) -> tuple[Array, Array, Mask]:
         """dx and dv after the tick, with dv within its limits, and what is still eased in.
 
         Args:
