@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,10 @@ from forcectl.errors import BadInputError
 from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.scenario.scenario import load_scenario
 from tests.diagrams.test_chain import SENSORLESS
+from tests.examples.pages import blocks, page_text, run_python
 
-PAGE = (Path(__file__).parents[2] / "docs" / "admittance.md").read_text(encoding="utf-8")
-(SCENARIO,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+PAGE = page_text("admittance.md")
+(SCENARIO,) = blocks(PAGE, "yaml")
 
 
 def rows(heading: str) -> list[list[str]]:
@@ -69,12 +69,8 @@ def test_the_message_is_the_one_shown(tmp_path):
 
 
 def test_the_example_runs_and_prints_what_is_shown(capsys):
-    (example,), (shown,) = (
-        re.findall(rf"^```{kind}\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE) for kind in ("python", "text")
-    )
-    namespace: dict[str, Any] = {}
-    exec(compile(example, "docs/admittance.md", "exec"), namespace)
-    assert capsys.readouterr().out == shown
+    namespace = run_python("admittance.md")
+    assert [capsys.readouterr().out] == blocks(PAGE, "text")
     assert {port.get_name() for port in map(namespace["peg"].get_input_port, range(4))} == {
         "commanded_position",
         "commanded_velocity",

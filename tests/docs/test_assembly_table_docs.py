@@ -1,15 +1,15 @@
 """The sweep `assembly_table` is what docs/assembly_table.md says of it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from forcectl.plant import PartConfig
 from forcectl.scenario.scenario import as_file, resolve
 from forcectl.sweeps.sweep_config import read_sweep
+from tests.examples.pages import page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "assembly_table.md").read_text(encoding="utf-8")
+PAGE = page_text("assembly_table.md")
 COMMON = ("settle", "approach", "taring")
 SWEEP = read_sweep("assembly_table").config
 

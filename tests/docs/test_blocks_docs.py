@@ -6,7 +6,6 @@ import importlib
 import inspect
 import re
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,9 +19,10 @@ from forcectl.motion import TrajectoryGenerator
 from forcectl.plant import ForceSensor, LinearContact, PositionLoop
 from forcectl.testing import assert_same_after_reset_and_clone, run_diagram
 from tests.examples.block_docs import BlockDoc
+from tests.examples.pages import blocks, page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "blocks.md").read_text(encoding="utf-8")
-CODE = re.findall(r"^```python\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+PAGE = page_text("blocks.md")
+CODE = blocks(PAGE, "python")
 FILES = {found[1]: code for code in CODE if (found := re.match(r"# (my_\w+)\.py\n", code))}
 SCRIPTS = [code for code in CODE if code not in FILES.values()]
 DIAGRAMS = [name for name, code in FILES.items() if "\ndef build(" in code]
@@ -45,7 +45,7 @@ def test_the_scripts_print_what_is_shown(modules, capsys, tmp_path):
     names: dict[str, object] = {}
     for script in SCRIPTS:
         exec(compile(script, "docs/blocks.md", "exec"), names)
-    assert capsys.readouterr().out == "".join(re.findall(r"^```text\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE))
+    assert capsys.readouterr().out == "".join(blocks(PAGE, "text"))
     assert (tmp_path / "slide.png").stat().st_size > 2000
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import forcectl as fc
 from forcectl.scenario.catalog import find_scenario
 from forcectl.tasks.controllers.task_machine import TaskMachineConfig
+from tests.examples.pages import page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "cap_rotation.md").read_text(encoding="utf-8")
+PAGE = page_text("cap_rotation.md")
 
 
 def machine(name: str, variant: str) -> TaskMachineConfig:

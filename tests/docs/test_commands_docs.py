@@ -14,7 +14,8 @@ from typer.main import get_command
 
 from forcectl.cli.app import app
 from forcectl.scenario.catalog import list_experiments
-from tests.docs.commands.printed import PAGES, ROOT, lines_of
+from tests.docs.commands.printed import ROOT, lines_of
+from tests.examples.pages import PAGES
 
 SWEEPS = {file.stem for file in (ROOT / "experiments" / "sweeps").glob("*.yaml")}
 NAMED = {name: set(list_experiments()) for name in ("run", "graph", "check", "reproduce")} | {"sweep": SWEEPS}

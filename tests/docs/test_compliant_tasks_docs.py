@@ -5,15 +5,14 @@ from __future__ import annotations
 import dataclasses
 import re
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import parse
 from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConfig, mode_references
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
+from tests.examples.pages import blocks, page_text, run_python
 
-PAGE = (Path(__file__).parents[2] / "docs" / "compliant_tasks.md").read_text(encoding="utf-8")
+PAGE = page_text("compliant_tasks.md")
 
 
 @dataclass
@@ -21,15 +20,10 @@ class Said:
     references: dict[str, dict[str, ReferenceConfig]]
 
 
-def blocks(kind: str) -> list[str]:
-    return re.findall(rf"^```{kind}\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
-
-
 def test_the_code_prints_what_is_shown_and_the_references_fit_its_task(capsys):
-    (code,), (shown,), (text,) = (blocks(kind) for kind in ("python", "text", "yaml"))
-    names: dict[str, Any] = {}
-    exec(compile(code, "docs/compliant_tasks.md", "exec"), names)
-    assert capsys.readouterr().out == shown
+    names = run_python("compliant_tasks.md")
+    assert [capsys.readouterr().out] == blocks(PAGE, "text")
+    (text,) = blocks(PAGE, "yaml")
     said = Reader().dataclass(Said, parse(text, "page")).references
     gains, limits = AdmittanceGainsConfig(), MotionLimitsConfig()
     made = mode_references(said, {"peg": names["peg"]}, gains=gains, limits=limits, period=0.004)

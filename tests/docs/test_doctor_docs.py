@@ -3,16 +3,15 @@
 import re
 from pathlib import Path
 
-PAGE = (Path(__file__).parents[2] / "docs" / "doctor.md").read_text(encoding="utf-8")
+from tests.examples.pages import blocks, page_text, run_python
+
+PAGE = page_text("doctor.md")
 SOURCES = Path(__file__).parents[2] / "forcectl" / "doctor"
 
 
 def test_the_examples_run_and_print_what_is_shown(capsys):
-    namespace = {}
-    for example in re.findall(r"^```python\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE):
-        exec(compile(example, "docs/doctor.md", "exec"), namespace)
-    (shown,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
-    assert capsys.readouterr().out == shown
+    run_python("doctor.md")
+    assert [capsys.readouterr().out] == blocks(PAGE, "text")
 
 
 def test_every_code_is_explained_and_every_explained_code_exists():

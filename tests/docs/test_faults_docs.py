@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-from pathlib import Path
 
 import pytest
 
@@ -12,8 +11,9 @@ from forcectl.cli.target import parse_settings
 from forcectl.sweeps.faults.declared import FAULTS
 from forcectl.sweeps.faults.run_faults import try_faults
 from forcectl.sweeps.faults.tables import cells
+from tests.examples.pages import page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
+PAGE = page_text("faults.md")
 
 
 def told() -> dict[str, list[str]]:

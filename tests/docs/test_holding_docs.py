@@ -2,16 +2,16 @@
 
 import re
 import sys
-from pathlib import Path
 
 import numpy as np
 
 import forcectl as fc
 from forcectl.framework.yaml_tree import parse
+from tests.examples.pages import blocks, page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "holding.md").read_text(encoding="utf-8")
-SCENARIO, LETTING_GO = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
-(CODE,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+PAGE = page_text("holding.md")
+SCENARIO, LETTING_GO = blocks(PAGE, "yaml")
+(CODE,) = blocks(PAGE, "python")
 
 
 def test_a_plunger_in_one_hand_and_a_tube_in_the_other_that_lets_go():

@@ -1,7 +1,6 @@
 """docs/hybrid_control.md says what is true."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -9,9 +8,10 @@ import forcectl as fc
 from forcectl.force.hybrid.config import HybridConfig
 from forcectl.framework.yaml_tree import parse
 from forcectl.plant.contact.patch import PatchConfig
+from tests.examples.pages import blocks, page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "hybrid_control.md").read_text(encoding="utf-8")
-(SCENARIO,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+PAGE = page_text("hybrid_control.md")
+(SCENARIO,) = blocks(PAGE, "yaml")
 
 
 def test_the_scenario_is_a_loop_and_its_compliance_that_of_the_patch():

@@ -1,7 +1,6 @@
 """docs/joint_interface.md says what is true."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +8,10 @@ import pytest
 import forcectl as fc
 from forcectl.framework.yaml_tree import parse
 from tests.examples.joint_interface_runs import torque_elsewhere
+from tests.examples.pages import blocks, page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "joint_interface.md").read_text(encoding="utf-8")
-WATCHED, SENSORLESS, USABLE = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+PAGE = page_text("joint_interface.md")
+WATCHED, SENSORLESS, USABLE = blocks(PAGE, "yaml")
 
 
 def test_the_loads_of_the_first_example_are_estimated():

@@ -1,8 +1,6 @@
 """docs/peg_in_hole.md says what is true."""
 
 import math
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +9,9 @@ from forcectl.framework.yaml_tree import parse
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.scenario import as_file, resolve
 from tests.examples.joint_interface_runs import torque_elsewhere
+from tests.examples.pages import blocks, page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "peg_in_hole.md").read_text(encoding="utf-8")
+PAGE = page_text("peg_in_hole.md")
 METRICS = ("seated_after_s", "lateral_force_N", "axial_force_N")
 
 
@@ -29,7 +28,7 @@ def test_the_figures_are_those_of_the_experiment():
 
 
 def test_the_misalignment_of_the_page_is_one_of_a_part():
-    (text,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    (text,) = blocks(PAGE, "yaml")
     tube = parse(text, "page")["tube"]
     scenario = resolve(as_file("peg_in_hole"), "6 mm, 10 degrees", {"station.environment.parts.tube": tube})
     (given, shipped) = (

@@ -1,12 +1,12 @@
 """docs/pipette.md says what is in the experiment, and its machine is one."""
 
 import re
-from pathlib import Path
 
 import forcectl as fc
 from forcectl.tasks.controllers.task_machine import TaskMachineConfig
+from tests.examples.pages import page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "pipette.md").read_text(encoding="utf-8")
+PAGE = page_text("pipette.md")
 
 
 def test_every_mode_is_told_and_every_way_ends():

@@ -1,19 +1,17 @@
 """docs/from_a_public_urdf.md says what is true: its parameters complete a public arm, and its scenarios run."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import forcectl as fc
 from forcectl.framework.yaml_tree import parse
 from forcectl.runs.robots.report import examine_robot
+from tests.examples.pages import blocks, page_text
 from tests.examples.public_robots import write_public_robot
 
-PAGE = (Path(__file__).parents[2] / "docs" / "from_a_public_urdf.md").read_text(encoding="utf-8")
-(PARAMETERS,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
-PRESS, REACH = re.findall(r"^```yaml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+PAGE = page_text("from_a_public_urdf.md")
+(PARAMETERS,) = blocks(PAGE, "text")
+PRESS, REACH = blocks(PAGE, "yaml")
 
 
 @pytest.fixture(autouse=True)

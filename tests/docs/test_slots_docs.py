@@ -6,7 +6,6 @@ import importlib
 import re
 import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,15 +18,16 @@ from forcectl.robot.model import RobotModel
 from forcectl.scenario import catalog
 from forcectl.tasks.null_space_parts import JointSpeedConfig
 from forcectl.tasks.task_parts import ArmTaskConfig, TaskTargetConfig
+from tests.examples.pages import blocks, page_text
 from tests.examples.stations import free
 
-PAGE = (Path(__file__).parents[2] / "docs" / "slots.md").read_text(encoding="utf-8")
+PAGE = page_text("slots.md")
 SLOTS = ("fidelity", "environment", "drive", "sensor", "controller", "reference", "analysis", "estimator")
 
 
 def code_of_the_page() -> str:
     """All blocks of Python, which make one module."""
-    return "\n\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
+    return "\n\n".join(blocks(PAGE, "python"))
 
 
 @pytest.fixture

@@ -13,9 +13,10 @@ import pytest
 
 from forcectl.scenario.catalog import CONTRACTS
 from tests.examples.commands import run_command
+from tests.examples.pages import blocks, page_text
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "slots.md").read_text(encoding="utf-8")
+PAGE = page_text("slots.md")
 
 HUNT_CROSSLEY = '''
 """F = k d^1.5 (1 + c d'), with d' from sample to sample."""
@@ -121,7 +122,7 @@ duration: 0.1
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the package installed by pip, from nothing but its own files."""
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
-    code = "\n\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
+    code = "\n\n".join(blocks(PAGE, "python"))
     (source / "my_parts.py").write_text(code, encoding="utf-8")
     (source / "hunt_crossley.py").write_text(HUNT_CROSSLEY, encoding="utf-8")
     points = [

@@ -1,17 +1,15 @@
 """docs/surfaces.md says what is true."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import forcectl as fc
 from forcectl.errors import BadInputError
 from forcectl.framework.yaml_tree import parse
+from tests.examples.pages import blocks, page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "surfaces.md").read_text(encoding="utf-8")
-(SCENARIO,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+PAGE = page_text("surfaces.md")
+(SCENARIO,) = blocks(PAGE, "yaml")
 
 
 @pytest.mark.slow

@@ -1,11 +1,11 @@
 """docs/sweeps.md: the file it shows is a sweep. Its commands are run in `tests/docs/commands`."""
 
 import re
-from pathlib import Path
 
 from forcectl.sweeps.sweep_config import read_sweep
+from tests.examples.pages import page_text
 
-PAGE = (Path(__file__).parents[2] / "docs" / "sweeps.md").read_text(encoding="utf-8")
+PAGE = page_text("sweeps.md")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)
 
 

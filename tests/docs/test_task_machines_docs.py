@@ -14,11 +14,12 @@ from forcectl.errors import BadInputError
 from forcectl.framework.yaml_tree import parse
 from forcectl.tasks import StateMachine
 from tests.examples.experiment_runs import simulated
+from tests.examples.pages import blocks
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "task_machines.md").read_text(encoding="utf-8")
-BUILD, BREAK = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-(SCENARIO,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+BUILD, BREAK = blocks(PAGE, "python")
+(SCENARIO,) = blocks(PAGE, "yaml")
 (MESSAGE,) = re.findall(r"```text\n(.*?)\n```", PAGE, re.DOTALL)
 
 

@@ -1,19 +1,17 @@
 """The examples of docs/testing.md are a test file that passes in a folder of its own."""
 
-import re
-from pathlib import Path
-
 import pytest
 
 import forcectl.testing
+from tests.examples.pages import blocks, page_text
 from tests.examples.plugin_project import prepared, run
 
 pytest_plugins = ["pytester"]
 
-PAGE = (Path(__file__).parents[2] / "docs" / "testing.md").read_text(encoding="utf-8")
+PAGE = page_text("testing.md")
 
 
-BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+BLOCKS = blocks(PAGE, "python")
 PENDULUM = next(block for block in BLOCKS if block.startswith("# test_pendulum.py"))
 
 
@@ -40,7 +38,7 @@ def test_a_foreign_diagram_has_golden_logs_faults_and_perturbations_in_thirty_li
     written.stdout.fnmatch_lines(["golden/test_pendulum/swing.nc", "golden/test_pendulum/wiring.txt"])
     run(project).assert_outcomes(passed=9)
     file.write_text(PENDULUM.replace("[6.0])", "[5.0])"), encoding="utf-8")
-    said = next(block for block in re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL) if "golden log" in block)
+    said = next(block for block in blocks(PAGE, "text") if "golden log" in block)
     failed = run(project, "-k", "as_before")
     failed.assert_outcomes(failed=1, deselected=8)
     assert said.strip() in failed.stdout.lines

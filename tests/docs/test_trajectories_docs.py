@@ -1,15 +1,11 @@
 """docs/trajectories.md says what is true."""
 
-import re
-from pathlib import Path
+from tests.examples.pages import blocks, page_text, run_python
 
-PAGE = (Path(__file__).parents[2] / "docs" / "trajectories.md").read_text(encoding="utf-8")
+PAGE = page_text("trajectories.md")
 
 
 def test_the_examples_run_and_print_what_is_shown(capsys):
-    namespace = {}
-    for example in re.findall(r"^```python\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE):
-        exec(compile(example, "docs/trajectories.md", "exec"), namespace)
-    (shown,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
-    assert capsys.readouterr().out == shown
+    namespace = run_python("trajectories.md")
+    assert [capsys.readouterr().out] == blocks(PAGE, "text")
     assert namespace["controller"].tasks[1].leader == "left"

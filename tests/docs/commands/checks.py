@@ -12,7 +12,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from tests.docs.commands.printed import ROOT, page_text
+from tests.docs.commands.printed import ROOT
+from tests.examples.pages import run_python
 
 Check = Callable[[Path, str], None]  # folder, standard output
 
@@ -101,9 +102,8 @@ def has_variants(name: str, *variants: str) -> Check:
 
 def the_page_reads_the_table(folder: Path, out: str) -> None:
     """The Python of the page on sweeps prints the share of successes by gain, which falls with the gain."""
-    (code,) = re.findall(r"^```python\n(.*?)^```$", page_text("sweeps.md"), re.MULTILINE | re.DOTALL)
     with contextlib.redirect_stdout(io.StringIO()) as said:
-        exec(compile(code, "docs/sweeps.md", "exec"), {})
+        run_python("sweeps.md")
     rates = {float(gain): float(rate) for gain, rate in re.findall(r"^(\d\S*) +(\S+)$", said.getvalue(), re.MULTILINE)}
     assert set(rates) == {1, 2, 3, 4}
     assert rates[1] >= rates[4]

@@ -12,9 +12,9 @@ from typing import Any
 from typer.main import get_command
 
 from forcectl.cli.app import app
+from tests.examples.pages import PAGES, page_text
 
 ROOT = Path(__file__).parents[3]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _FILE = re.compile(r"# ([\w./-]+\.\w+)\b")
 _PLACEHOLDER = re.compile(r"^[A-Z]+$|\.\.\.|<")
@@ -70,11 +70,6 @@ def printed() -> dict[str, list[str]]:
             if is_complete(shlex.split(line)[1:]):
                 places.setdefault(line, []).append(page.name)
     return places
-
-
-def page_text(page: str) -> str:
-    """The text of a page, by the name of its file."""
-    return next(path for path in PAGES if path.name == page).read_text(encoding="utf-8")
 
 
 def write_files(page: str, folder: Path) -> None:

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.commands.printed import ROOT, helps, page_text, printed, write_files
+from tests.docs.commands.printed import ROOT, helps, printed, write_files
 from tests.docs.commands.stories import ELSEWHERE, STORIES, Step, Story
+from tests.examples.pages import page_text
 
 STEPS = [step for story in STORIES.values() for step in story.steps]
 
