@@ -1,7 +1,5 @@
 """Ctrl-C: raised, held, let through, and passed on."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """Angles and torques of an alignment, on a made-up log."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

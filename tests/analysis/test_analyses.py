@@ -1,7 +1,5 @@
 """Analyses of motion and estimated forces on made-up logs: what each metric says of a case whose answer is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

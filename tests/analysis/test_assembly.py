@@ -1,7 +1,5 @@
 """Three levels of success of an assembly, on a made-up log of a plunger that goes in and a cap that is turned."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Expectations of a force, as the forces that its figure shows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is said of an insertion whose course is known: a made-up log of a plunger that goes into a tube."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A rotation under a force in a band, on a made-up log."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Reversals at rest: what counts and what does not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What analyses of the user's put out: names of their own, of the kind asked for, of a log that stays as it is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What is said of the log of a state machine whose way is known."""
 
-from __future__ import annotations
-
 from functools import cache
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """The command line from outside: help, results, exit codes. How soon the help is there: `benchmarks/start_up.py`."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Ctrl-C during run, reproduce and tune: one line, exit code 130, what there is is kept, no process is left."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import multiprocessing

@@ -1,7 +1,5 @@
 """Distances between links as a constraint: against Drake's, and its derivatives against differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

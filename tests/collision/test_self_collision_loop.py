@@ -1,7 +1,5 @@
 """Two arms driven at random, into each other and into obstacles: their distances are kept, whatever is asked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Shapes of a robot as cores and balls: what they contain, and which pairs there are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

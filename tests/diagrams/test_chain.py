@@ -1,7 +1,5 @@
 """A scenario with an admittance is refused where its sampled loop is unstable, and only there."""
 
-from __future__ import annotations
-
 from typing import Any, get_args
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Closed loops beyond the step: steps down to nothing and up again, motion along the surface, adaptation, limits."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

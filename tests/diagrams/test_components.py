@@ -1,7 +1,5 @@
 """Components of logged signals have the names of what they are, whatever their number."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The truth of contacts on a station with two arms, for contacts of points and of surfaces of pressure."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parts that fall onto a box come to rest there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """With everything switched off that tells them apart, the three fidelities are one loop, and it is the textbook's."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

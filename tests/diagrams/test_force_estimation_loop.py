@@ -5,8 +5,6 @@ keeps the joints moving; without it friction may hide whatever stays below Coulo
 `force_estimation`, which judges 10 poses and 6 directions).
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parts of assemblies in a station: fixed, held by an arm, put down."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The loop: its slots from outside, what does not fit them, delays, determinism, loads, logs, what it knows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The stability margins of whole scenarios: below them the force settles, beyond them it swings."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

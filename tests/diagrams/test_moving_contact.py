@@ -1,7 +1,5 @@
 """Moving contact: an uneven surface in all fidelities, its truth, and what a flat one costs (nothing)."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

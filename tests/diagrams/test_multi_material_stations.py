@@ -1,7 +1,5 @@
 """Stations on a surface of several materials: the force is that of the place, in all fidelities, and costs nothing."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

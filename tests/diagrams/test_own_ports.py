@@ -1,7 +1,5 @@
 """Ports and block names of the user's parts: connected by name, or refused in one line that names the part."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

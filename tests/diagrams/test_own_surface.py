@@ -1,7 +1,5 @@
 """A block of the user's own as a surface: a class of one's own, or a subclass of the shipped one with its `add_to`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

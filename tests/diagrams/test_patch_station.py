@@ -1,7 +1,5 @@
 """A flat tool on a plate in the multibody station: force and torque at the TCP against their closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

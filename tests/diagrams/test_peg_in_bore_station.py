@@ -1,7 +1,5 @@
 """The contact of a plunger in a bore without meshes, in a station: forces, truths, what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Signals connect by name; what stands for one is chosen in the scenario, and what nothing puts out is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

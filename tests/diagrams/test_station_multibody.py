@@ -1,7 +1,5 @@
 """The multibody station over its range of environments: stable, and not a matter of the step."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The slot of a station: the same ports in every fidelity, and what any diagram of ours has to hold."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

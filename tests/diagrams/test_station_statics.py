@@ -1,7 +1,5 @@
 """What a station at rest must show: its compliance, zero force without contact, a known load as that load."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

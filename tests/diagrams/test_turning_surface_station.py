@@ -1,7 +1,5 @@
 """A curved surface in the multibody station: the force is that of the circle, along the true normal."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

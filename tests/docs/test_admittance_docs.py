@@ -1,7 +1,5 @@
 """docs/admittance.md says what is true."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

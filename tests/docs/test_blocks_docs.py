@@ -1,7 +1,5 @@
 """docs/blocks.md: its diagrams are built and do what the page says, its table names the ports that the blocks have."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import re

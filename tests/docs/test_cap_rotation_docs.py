@@ -1,7 +1,5 @@
 """docs/cap_rotation.md says what is in the experiment."""
 
-from __future__ import annotations
-
 import re
 
 import forcectl as fc

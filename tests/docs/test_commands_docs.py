@@ -3,8 +3,6 @@
 Those that can be given as they stand are run in `tests/docs/commands`.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

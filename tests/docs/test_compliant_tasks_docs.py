@@ -1,7 +1,5 @@
 """docs/compliant_tasks.md says what is true."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from dataclasses import dataclass

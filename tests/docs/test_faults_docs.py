@@ -1,7 +1,5 @@
 """docs/faults.md is what the command makes, on a sample of its rows, and lists every fault."""
 
-from __future__ import annotations
-
 import re
 import shlex
 

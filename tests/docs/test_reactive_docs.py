@@ -1,7 +1,5 @@
 """The code of the page on reactive control runs and prints what is printed there."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.examples.pages import blocks, page_text, run_python

@@ -3,8 +3,6 @@
 Its commands are run in `tests/docs/commands`.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

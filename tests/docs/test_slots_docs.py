@@ -1,7 +1,5 @@
 """docs/slots.md: the parts of one's own run, from YAML, as objects and by a tag that a package announces."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import sys

@@ -1,7 +1,5 @@
 """The parts of docs/slots.md and a Hunt-Crossley surface as an installed package: short tags for the command line."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

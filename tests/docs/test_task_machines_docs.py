@@ -1,7 +1,5 @@
 """docs/task_machines.md says what is true."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """EWRLS of the environment compliance against batch weighted least squares, and what P_0 does."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

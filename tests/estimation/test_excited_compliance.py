@@ -1,7 +1,5 @@
 """The compliance estimated from moves of the reference: right on any surface, and silent without moves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scenario part `!ForceEstimator`: the axes that wrenches are expressed in."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The weight of a held part in the estimated force, taken out by taring and by the model."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The momentum observer fed with exact motions of a small arm: its answer to a torque, and to wrong readings."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Recursive VRFT equals least squares on the same regressors, and finds the controller that gives the model."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

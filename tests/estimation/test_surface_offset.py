@@ -1,7 +1,5 @@
 """Height of a surface that a tool slides over: told from the compliance by whether the tool moves."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

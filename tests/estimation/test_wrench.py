@@ -1,7 +1,5 @@
 """Wrench estimate: exact where the arm feels everything, bounded where it does not, in any frame, tared and held."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Examples of the force laws of the field, see `block_examples`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

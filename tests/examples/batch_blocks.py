@@ -1,7 +1,5 @@
 """Every batch block with its parameters, and how to build it with one of them changed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from forcectl.estimation.environment import EnvironmentComplianceEstimator

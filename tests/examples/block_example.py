@@ -1,7 +1,5 @@
 """What an example of a block is."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """One way or more to build every block, with its feedthrough and inputs that make it work."""
 
-from __future__ import annotations
-
 import math
 from functools import cache, partial
 

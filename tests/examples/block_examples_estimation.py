@@ -1,7 +1,5 @@
 """Examples of the blocks of the force estimation, on chains of links that belong to no robot."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

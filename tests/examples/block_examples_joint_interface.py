@@ -1,7 +1,5 @@
 """Examples of the blocks of the joint-interface station, on one arm without a tool."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

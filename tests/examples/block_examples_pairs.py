@@ -1,7 +1,5 @@
 """Examples of contacts of two parts in place of that of their shapes."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Examples of the stations and of their parts: drives, sensors, the truth of contacts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial

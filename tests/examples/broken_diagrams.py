@@ -3,8 +3,6 @@
 `FAULTS` maps a name to (build function, code the doctor must report, text its path or message must hold).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

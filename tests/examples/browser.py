@@ -1,7 +1,5 @@
 """Pages in a browser without a window, where there is one."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

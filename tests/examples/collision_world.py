@@ -1,7 +1,5 @@
 """Drake's own distances of a robot with its tools and obstacles, to compare with."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any

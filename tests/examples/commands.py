@@ -1,7 +1,5 @@
 """Processes that begin with everything imported: each is forked from one that has it; a new Python pays seconds."""
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os

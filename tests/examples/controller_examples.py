@@ -1,7 +1,5 @@
 """Examples of controllers around force laws, see `block_examples`."""
 
-from __future__ import annotations
-
 from functools import cache, partial
 from typing import Any
 

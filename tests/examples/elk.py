@@ -1,7 +1,5 @@
 """Pictures laid out by elkjs."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Runs of shipped experiments, each variant simulated at most once in a test session, whichever process asks first."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pickle

@@ -1,7 +1,5 @@
 """What the tests of the law of relative degree 4 share: the law, and the plant it assumes (3.61)."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

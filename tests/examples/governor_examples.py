@@ -1,7 +1,5 @@
 """Examples of the command governor and of a law behind it, see `block_examples`."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

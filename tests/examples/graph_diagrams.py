@@ -1,7 +1,5 @@
 """Diagrams that the tests of block graphs draw."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

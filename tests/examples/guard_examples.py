@@ -1,7 +1,5 @@
 """Examples of the guard and of what is wired around it, see `block_examples`."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 

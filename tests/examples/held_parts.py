@@ -1,7 +1,5 @@
 """A block of 0.1 kg in the hand of one arm, upright, and what there is around it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

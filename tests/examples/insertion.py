@@ -4,8 +4,6 @@ The body is fixed with its mouth upwards. The plunger hangs on the grasp: spring
 tilting, 100 mm behind its tip. The grasp goes down at a constant speed, beside the axis and askew.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

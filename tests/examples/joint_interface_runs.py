@@ -1,7 +1,5 @@
 """Running a station behind its joint interface by itself: constant or timed inputs, and its outputs at every tick."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Task state machines as data: peg and cap of the thesis (Fig. 6.7 and 6.14), and random ones."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Model files of the package, parsed by Drake, and poses of Denavit and Hartenberg."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

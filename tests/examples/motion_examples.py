@@ -1,7 +1,5 @@
 """Examples of the blocks that generate motion."""
 
-from __future__ import annotations
-
 from functools import cache
 from types import SimpleNamespace
 from typing import Any

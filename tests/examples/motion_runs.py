@@ -1,7 +1,5 @@
 """Running loops of joint motion: a log of arrays by signal, postures, friction that is nobody's."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

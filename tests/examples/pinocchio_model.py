@@ -1,7 +1,5 @@
 """A shipped URDF in Pinocchio: an independent parser and independent rigid-body algorithms to compare ours with."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path

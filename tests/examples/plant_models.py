@@ -1,7 +1,5 @@
 """A model of the plant for force laws, with the force sensor of the shipped station."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

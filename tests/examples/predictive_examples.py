@@ -1,7 +1,5 @@
 """Examples of the blocks of the predictive law, see `block_examples`."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, System
 

@@ -1,7 +1,5 @@
 """Controllers with a quadratic program, run tick by tick in situations in which its rows bind."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace

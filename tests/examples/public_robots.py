@@ -1,7 +1,5 @@
 """Robots written to disk as public packages bring them: own world link, package addresses, STL meshes, mimic joints."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

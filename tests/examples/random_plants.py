@@ -1,7 +1,5 @@
 """Random plants, excitations and reference models, and the best PID that direct optimisation finds for them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

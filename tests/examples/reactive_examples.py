@@ -1,7 +1,5 @@
 """Examples of the reactive controller: both arms of a shipped robot, bare flanges."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from functools import cache

@@ -1,7 +1,5 @@
 """Reaching with both arms, the commanded motion alone: what the random tasks and the examples of bad input share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

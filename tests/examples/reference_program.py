@@ -6,8 +6,6 @@ strictly convex program that satisfies its rows and has such multipliers is the 
 can be, where the feasible set has an interior.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the page of a replay draws, read from its recording: shapes, and their place, scale and visibility over time."""
 
-from __future__ import annotations
-
 import base64
 import re
 import struct

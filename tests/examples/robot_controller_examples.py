@@ -1,7 +1,5 @@
 """Examples of the robot's invariance controller and its diagrams."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Any

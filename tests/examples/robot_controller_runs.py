@@ -1,7 +1,5 @@
 """The robot's invariance controller run tick by tick against a spring that follows its command."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any

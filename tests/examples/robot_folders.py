@@ -1,7 +1,5 @@
 """Small robots written to disk, for tests of what a user's own robot folder may be."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 LINK_LENGTH = 0.4  # [m]

@@ -1,7 +1,5 @@
 """Stations and closed loops for tests: short ways to build them, to run them and to compute what they should do."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 

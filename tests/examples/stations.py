@@ -1,7 +1,5 @@
 """Station configurations for tests, written short."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Examples of the blocks of surfaces, see `block_examples`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Controllers `!TaskMachine` of both arms, bare flanges, alone: with readings and wrenches that a test gives."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Examples of the blocks behind the torque interface, see `block_examples`."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

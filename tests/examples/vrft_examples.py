@@ -1,7 +1,5 @@
 """Examples of the blocks that are tuned by VRFT, see `block_examples`."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

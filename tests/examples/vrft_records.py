@@ -1,7 +1,5 @@
 """Records of open-loop experiments for the tests of VRFT, and loops to compare with."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Names of variants in the figures of analyses."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures of the motion of a robot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

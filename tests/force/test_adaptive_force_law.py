@@ -1,7 +1,5 @@
 """Any law with the input `compliance` becomes adaptive: it ends without steady error from a wrong start."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The adaptive law: estimator and integral law together, on a filtered spring and in a whole loop."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

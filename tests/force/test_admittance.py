@@ -1,7 +1,5 @@
 """The admittance filter by its printed equations, the conditions of stability, and the force law made of it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Guarded moves: modes and displacements by themselves, and force laws behind them on surfaces that start away."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder

@@ -1,7 +1,5 @@
 """Guarded moves to a surface in front of controllers of joints: from the first touch to the force, and back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The eigenvalues of sampled chains against simulations of the same chains, written out by themselves."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """The integral law by its printed recursion, and when its command acts."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kinematic inversion by finite differences, and its guard on the way through singular postures."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The law that is linear in its gains: by its printed transfer functions, at its limits, at a hand-over."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

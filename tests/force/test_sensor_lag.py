@@ -1,7 +1,5 @@
 """What the sensor does not show yet: its filter in floats, and a surface that rises."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

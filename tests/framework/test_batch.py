@@ -1,7 +1,5 @@
 """Batches: a block of n loops is n blocks of one loop, bit for bit; checks of values per batch element."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

@@ -5,8 +5,6 @@ A new block is found by walking the packages and has to be added to `EXAMPLES`. 
 docstring is read.
 """
 
-from __future__ import annotations
-
 import inspect
 import itertools
 import math

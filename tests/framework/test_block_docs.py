@@ -1,7 +1,5 @@
 """The reader of docstrings that the contract test stands on: what it finds, and what it finds missing."""
 
-from __future__ import annotations
-
 import pytest
 from pydrake.systems.framework import LeafSystem
 

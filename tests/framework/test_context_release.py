@@ -4,8 +4,6 @@ A numpy view of the state, handed on into a cache of the same context, holds tha
 garbage collector cannot look. It costs a plant context or two per run of a sweep.
 """
 
-from __future__ import annotations
-
 import gc
 import weakref
 

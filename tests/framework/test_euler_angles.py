@@ -1,7 +1,5 @@
 """Euler angles against Drake's roll-pitch-yaw, finite differences and a moving arm."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

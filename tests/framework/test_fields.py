@@ -1,7 +1,5 @@
 """Keys of configurations check themselves: types, bounds, choices, sizes, and messages that name the key."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass, fields

@@ -1,7 +1,5 @@
 """Largest and smallest, also of truth values and where something is no number; definite matrices."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From trees to dataclasses without slots: what is missing is told at once, and arrays."""
 
-from __future__ import annotations
-
 import enum
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Rotation vectors against scipy and finite differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

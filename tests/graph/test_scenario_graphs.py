@@ -1,7 +1,5 @@
 """Every shipped experiment as a block diagram, in every format, and what its readers will look for in it."""
 
-from __future__ import annotations
-
 import json
 import re
 import struct

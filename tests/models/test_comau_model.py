@@ -1,7 +1,5 @@
 """The COMAU model, the probe and the plate against published numbers, never against themselves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

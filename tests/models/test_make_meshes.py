@@ -1,7 +1,5 @@
 """The shipped meshes are those that make_meshes draws, and they are closed surfaces."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

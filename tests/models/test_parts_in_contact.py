@@ -1,7 +1,5 @@
 """The parts do in contact what they are for: a plunger finds the bore, a bayonet locks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform

@@ -1,7 +1,5 @@
 """The YuMi's collision shapes: what they contain, which pairs are checked, and that they tell free from not free."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 

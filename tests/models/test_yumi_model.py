@@ -1,7 +1,5 @@
 """The YuMi and its gripper against published numbers and against an independent rigid-body library."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

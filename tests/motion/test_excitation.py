@@ -1,7 +1,5 @@
 """Excitation profiles: shape of the moves, scaling, files, bad input."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

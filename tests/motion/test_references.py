@@ -1,7 +1,5 @@
 """Force references: steps, ramps, sequences and files, good and bad."""
 
-from __future__ import annotations
-
 import bisect
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scenario part `!VelocityAlongSurface`: Algorithm 3 along a line on the surface, in a loop."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Motion along the surface: the speed profile against its integral, the path against forward kinematics, bad input."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Trajectories against their limits, against Ruckig on its own, and with targets nobody should give."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The trajectory generator as a block: its ticks, its inputs, and that nothing of it stays behind."""
 
-from __future__ import annotations
-
 import gc
 import math
 import weakref

@@ -1,7 +1,5 @@
 """Algorithm 3 as it is printed, and as a block."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compliance of joints, links and robot against definitions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

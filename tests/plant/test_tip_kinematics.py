@@ -1,7 +1,5 @@
 """Displacement of the tool, deflection of the joints and the light robots' wrench, by kinematics and statics."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Docstrings as a reference is made of them: read by napoleon, one argument to a line, each by its name."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The public names of each room: those of its stub, which load on first use."""
 
-from __future__ import annotations
-
 import inspect
 import subprocess
 import sys

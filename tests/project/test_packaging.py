@@ -1,7 +1,5 @@
 """The wheel and the source archive hold everything, and what they install works from any directory."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

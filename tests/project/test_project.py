@@ -1,7 +1,5 @@
 """Rules that hold for the whole repository, and that no reader should have to check by eye."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The program of a controller: torque rows only when they bind, and the answer is the same as with them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`controller.program(context)`: the last tick's program with names, its optimum is the command, by any solver."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Programs in order of priority: what is above stays, what is below is optimal, rows hold, bad numbers are survived."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The motion of several arms: each arm's against finite differences, and constraints written for one arm."""
 
-from __future__ import annotations
-
 import gc
 import weakref
 

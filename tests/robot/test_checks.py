@@ -1,7 +1,5 @@
 """Robots whose files can be read and that are none are refused in one line; those of any size are not."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Kinematics of all links at once against Drake's, on the shipped robots and on random trees of joints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

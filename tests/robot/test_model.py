@@ -1,7 +1,5 @@
 """RobotModel and add_robot: any robot folder, any plant, right derivatives."""
 
-from __future__ import annotations
-
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Momentum terms against the kinetic energy, the polarised bias term and the motion of a plant."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform

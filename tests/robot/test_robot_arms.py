@@ -1,7 +1,5 @@
 """Robots with several arms, joints that are held, and the friction that parameters may leave out: any robot folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kinematics of the commanded motion against finite differences and rotations by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.math import RotationMatrix

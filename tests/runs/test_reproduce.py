@@ -1,7 +1,5 @@
 """Reproduction: parallel runs, published numbers beside ours, failures as rows."""
 
-from __future__ import annotations
-
 import json
 import signal
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The keys of a part in words, for what is shipped and for what an installed package registers."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Objects given from Python are used themselves, whatever is done with the scenario that holds them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import pytest

@@ -4,8 +4,6 @@ A load below Coulomb's friction acts on resting arms: the motors stand still, an
 and quantisation make. A joint that folds two links into each other is stopped by them.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Scenarios: where values come from, which wins, and what a resolved scenario says."""
 
-from __future__ import annotations
-
 import sys
 import textwrap
 from pathlib import Path

@@ -1,7 +1,5 @@
 """From trees to dataclasses: types, defaults, tags, and messages that name key, value and what is allowed."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Every slot says in one line that something does not fit: a class, an object, and what its methods return."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """A sweep of quick trials, for the tests of what runs sweeps."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What goes wrong in `cap_rotation` ends in a mode that says so, with small forces."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

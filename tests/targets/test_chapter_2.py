@@ -1,7 +1,5 @@
 """The published statements of Chapter 2 on every fidelity."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The published statements of Sec. 3.4 and 3.6: Figs. 3.4 and 3.5."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The published numbers of Secs. 4.3 and 4.5: gains, Tables 4.1 and 4.2, Figs. 4.5 to 4.11."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

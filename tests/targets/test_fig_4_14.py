@@ -1,7 +1,5 @@
 """Fig. 4.14, and that its gains are what VRFT makes of the open-loop experiments."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What goes wrong in `peg_in_hole` ends in a mode that says so, with small forces."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What goes wrong in `pipette` while it fetches ends in a mode that says so; the whole run is judged by its targets."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The published statements of Sec. 3.7 (Figs. 3.7, 3.8 and 3.10)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

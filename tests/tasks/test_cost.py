@@ -1,7 +1,5 @@
 """The cost (5.16): its curvature and slope against the cost itself, what is convex, how errors die out."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

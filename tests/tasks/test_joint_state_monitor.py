@@ -1,7 +1,5 @@
 """Readings: numbers, frozen encoders, lost samples, and joints that do not follow."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Modes of the reactive controller: what each one follows and keeps, and that a switch is not felt."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Null-space criteria: (5.19), (5.20), potentials downhill, the reflected mass against finite differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

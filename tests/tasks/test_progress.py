@@ -1,7 +1,5 @@
 """Reached, and given up."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from forcectl.tasks.progress import Progress, TaskProgress

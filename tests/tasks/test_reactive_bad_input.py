@@ -1,7 +1,5 @@
 """Bad input of the reactive controller: what the joints do then, and what is refused when it is built."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any

@@ -1,7 +1,5 @@
 """The reactive controller as a block: tracking, delay, priority, criteria, constraints. Bad input has its own file."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

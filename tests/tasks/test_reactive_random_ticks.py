@@ -1,7 +1,5 @@
 """Random ticks of the reactive controller: rows hold, stage 2 changes nothing of the tasks, both stages are optimal."""
 
-from __future__ import annotations
-
 import os
 from typing import Any, NamedTuple
 

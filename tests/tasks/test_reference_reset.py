@@ -1,7 +1,5 @@
 """What a generator goes on from: its own reference, as far as it is near the motion and leaves it slowly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

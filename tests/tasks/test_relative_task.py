@@ -1,7 +1,5 @@
 """Leader and follower against Drake's relative quantities, finite differences and random postures of two arms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

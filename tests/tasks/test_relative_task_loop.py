@@ -1,7 +1,5 @@
 """Leader and follower under the reactive controller: a pose between them is kept, and others reached, in motion."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator

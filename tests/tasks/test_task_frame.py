@@ -1,7 +1,5 @@
 """Frames fixed to the hands of two arms, against Drake frames that are part of the plant, and finite differences."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Friction identification: parameters come back from ticks with and without noise, and from a robot that was moved."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

@@ -1,7 +1,5 @@
 """VRFT on motor positions: the gains of VRFT on commands where drives do not stick, and nearly those where they do."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

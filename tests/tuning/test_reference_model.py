@@ -1,7 +1,5 @@
 """Reference models: sampled exactly, refused when no loop could follow them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Batch VRFT against an implementation of its own, known controllers, noise, and data that cannot be used."""
 
-from __future__ import annotations
-
 import cProfile
 import pstats
 

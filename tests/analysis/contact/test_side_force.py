@@ -1,7 +1,5 @@
 """The force on a second surface: the metrics of a force that is known, and what has none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

@@ -1,7 +1,5 @@
 """Alignment with a surface: the metrics of a torque, a force and a tilt that are known, and what has none."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

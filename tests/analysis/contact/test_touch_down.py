@@ -1,7 +1,5 @@
 """Touch-down: the metrics of a force that is known, and what has none."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

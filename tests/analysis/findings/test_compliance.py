@@ -1,7 +1,5 @@
 """A surface that gives otherwise than the model of it: what the run shows of it, in every fidelity."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Findings of a run as a whole: where they stand, in which order, what is left out, and those of one's own."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Any

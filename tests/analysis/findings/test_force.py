@@ -1,7 +1,5 @@
 """Findings of force loops: short runs in one dimension that provoke each, and a run nearby that does not."""
 
-from __future__ import annotations
-
 from itertools import accumulate
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Findings of the guard, from a status as it is logged."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

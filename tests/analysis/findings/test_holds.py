@@ -1,7 +1,5 @@
 """Swings in motion and beside a varying reference, and what a first touch does before a law is in charge."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

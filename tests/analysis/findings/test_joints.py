@@ -1,7 +1,5 @@
 """Findings of joints, tasks and state machines: one arm in motion, and logs in which what happened is changed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Readings that are plausible one by one and yet wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

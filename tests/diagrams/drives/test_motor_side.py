@@ -1,7 +1,5 @@
 """The motor side without dynamics: one servo along the pressed direction, all other motion as the filters give it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from forcectl.diagrams.drives.motor_side import MotorSide

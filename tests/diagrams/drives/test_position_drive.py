@@ -1,7 +1,5 @@
 """What motors need for a motion, beside the closed form and the power that goes in and out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

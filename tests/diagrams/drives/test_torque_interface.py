@@ -1,7 +1,5 @@
 """The multibody station with a torque interface: its compliance, its energy, its contacts, what controllers know."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any

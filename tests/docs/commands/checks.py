@@ -1,7 +1,5 @@
 """What the commands of a story need beforehand, and what must hold of the files that they write."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

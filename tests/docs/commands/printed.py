@@ -1,7 +1,5 @@
 """Every command that the help texts, README and the pages print, collected; and the files that they print."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections.abc import Iterator

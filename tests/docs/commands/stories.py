@@ -1,7 +1,5 @@
 """Stories: commands in the order in which a reader gives them, each with what its output must show."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -4,8 +4,6 @@ In this process, as printed. What would take minutes is shortened, see `Step.als
 shared with the tests of the session.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -1,7 +1,5 @@
 """Force laws on the ideal plant F[k] = -dx_bar[k-1]/C_T, as blocks, and recorded forces for them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The disturbance observer: a loop in plain numpy, closed forms without lag, stability."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Impedance with force tracking and adaptive admittance: a loop in plain numpy, what is left at rest, stability."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder

@@ -1,7 +1,5 @@
 """Passivity observer and controller: a loop in plain numpy, and the energy that no law passes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder

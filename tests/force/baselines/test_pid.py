@@ -1,7 +1,5 @@
 """Explicit PI and PID force control: transfer functions on the ideal plant, and their range of stability."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

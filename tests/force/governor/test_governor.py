@@ -1,7 +1,5 @@
 """The command governor as a block: what it sends, what it survives, and a loop behind it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

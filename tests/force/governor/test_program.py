@@ -1,7 +1,5 @@
 """The governor's problem (4.31): the closed form is its minimum, the quadratic program is the closed form and more."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The equivalent scheme of Fig. 4.13 is the governed loop: the same forces and references, the same poles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.systems.framework import Diagram, DiscreteValues

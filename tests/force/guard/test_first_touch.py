@@ -1,7 +1,5 @@
 """The force of a first touch: against what is known of one mass on two springs, and the speeds that it admits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

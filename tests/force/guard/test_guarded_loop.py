@@ -1,7 +1,5 @@
 """Controllers behind their guard, in the loop of one dimension: what a fault of the sensor or of the model comes to."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What is said of a run without a guard is what the guard's own tick says, tick by tick."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

@@ -1,7 +1,5 @@
 """What a selection may be, the models of its directions, and alignment on the robot."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

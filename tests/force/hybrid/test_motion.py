@@ -1,7 +1,5 @@
 """Where the tool goes: the laws' displacements in selected directions, the reference in the others."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

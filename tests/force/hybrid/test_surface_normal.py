@@ -1,7 +1,5 @@
 """The normal of a surface from the force on the tool, and the task frame that follows it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

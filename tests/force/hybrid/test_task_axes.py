@@ -1,7 +1,5 @@
 """Task frame and task wrench against rigid-body statics in other frames."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw

@@ -1,7 +1,5 @@
 """The displacement of a guarded move in joint commands: made as it is asked for, within walls, limits and speeds."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

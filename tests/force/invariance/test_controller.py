@@ -1,7 +1,5 @@
 """The robot's invariance controller: like the scalar law, within its limits, and safe whatever happens to it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Invariance control: it follows the nominal law, stops at the constraint, and the nominal law cannot wind up."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Invariance force control of relative degree 2: exact landing, minimum time, moving references and safe behaviour."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

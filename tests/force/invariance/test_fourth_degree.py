@@ -1,7 +1,5 @@
 """The law of relative degree 4 on the plant it assumes (3.61), and what it does when that plant is not there."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

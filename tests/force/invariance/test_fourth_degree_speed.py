@@ -1,7 +1,5 @@
 """Speed of the law of relative degree 4, and what it does when contact comes and goes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Invariance functions against the maximum found by bisection."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

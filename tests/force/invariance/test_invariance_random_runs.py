@@ -1,7 +1,5 @@
 """Random runs of the robot's invariance controller: its constraints hold, to what a sample leaves."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

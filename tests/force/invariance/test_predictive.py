@@ -1,7 +1,5 @@
 """The predictive law: what it feeds back and what not, rising surfaces, owing drives, lost contact, bad input."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Regulated outputs: the scalar laws' accelerations, for the force and for a coordinate, corrected or their own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Scenario part `!InvarianceRobot`: on every fidelity, with walls and constraints from the scenario, adaptive."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Closed-loop inverse kinematics: critically damped near the path, at rest on it from afar, never beyond its limit."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

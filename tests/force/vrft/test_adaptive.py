@@ -1,7 +1,5 @@
 """Re-tuning while regulating: sliding over plastic, wood and aluminium in one run, against every fixed controller."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

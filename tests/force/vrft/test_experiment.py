@@ -1,7 +1,5 @@
 """The experiment in the slot of a force law: its sequence, in every loop, and what it does when the tuning fails."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

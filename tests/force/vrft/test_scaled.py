@@ -1,7 +1,5 @@
 """VRFT gains that follow the compliance: over several materials in one run, against every fixed controller."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Layout, routing and shapes, looked at through the finished picture."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest

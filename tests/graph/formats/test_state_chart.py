@@ -1,7 +1,5 @@
 """Pictures of the machines of peg and cap (Fig. 6.7 and 6.14) and of random ones: all is there, nothing overlaps."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import xml.etree.ElementTree as ET

@@ -5,8 +5,6 @@ left to right, that the picture has: left alone it puts stations before their co
 block diagram any more. Where the picture is broken into rows, elkjs may wrap its layers as well.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Where a wide picture is broken into rows."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Wires are straight where blocks may grow for it."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest

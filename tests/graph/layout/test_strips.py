@@ -1,7 +1,5 @@
 """Rows of blocks, and the wires from one to another."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from forcectl.graph.layout.rows import Item

@@ -1,7 +1,5 @@
 """Compliant contact against closed forms and an independent fine integration."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

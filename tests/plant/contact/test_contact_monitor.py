@@ -1,7 +1,5 @@
 """Contact mode and its losses, against a state machine written from the docstring."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

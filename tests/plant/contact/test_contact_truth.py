@@ -1,7 +1,5 @@
 """The truth of contacts is Drake's own, for points and for surfaces of pressure, in any frame."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.geometry import (

@@ -1,7 +1,5 @@
 """Models of parts are found by name or path, and refused in one line."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

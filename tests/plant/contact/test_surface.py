@@ -1,7 +1,5 @@
 """Surface profiles against closed forms: grooves, roughness, what a ball makes of them, files, and bad input."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

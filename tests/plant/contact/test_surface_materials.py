@@ -1,7 +1,5 @@
 """Surfaces of several materials: values over the path, blends, and what is refused."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Contact at the tip of a robot of motor positions, against its three parts one by one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A surface whose normal turns: foot point, depth and normal against circles, a search, and Drake's own geometry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.geometry import Cylinder, GeometryFrame, GeometryInstance, ProximityProperties, SceneGraph

@@ -1,7 +1,5 @@
 """The drives of the elastic robot, C++ blocks, against the equations of the Python servo."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

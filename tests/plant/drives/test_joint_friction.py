@@ -1,7 +1,5 @@
 """Joint friction: the formulas, their means over a tick, and friction that sticks on the motor side and in a plant."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

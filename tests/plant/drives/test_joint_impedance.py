@@ -1,7 +1,5 @@
 """Joint impedance control and the torque that carries the weight, block by block."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

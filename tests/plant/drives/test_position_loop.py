@@ -1,7 +1,5 @@
 """The position loop against SciPy: exact hold, exact delay, rest."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

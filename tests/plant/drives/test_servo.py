@@ -1,7 +1,5 @@
 """The drive servo: exact sticking, dead time, and agreement with a fine simulation written independently."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Torque-controlled drives, C++ blocks, against their equations."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Faults of a force sensor's reading."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

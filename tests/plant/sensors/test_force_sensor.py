@@ -1,7 +1,5 @@
 """The force sensor: filter and delay against SciPy, noise by statistics, range, quanta, bias and taring."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Wrist sensor: known loads in rotated frames, the tool's weight, and what a plant's weld really carries."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The arrows of a replay are as long as the forces they stand for, point where these do, and are hidden without one."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """The page of a replay says in words what mode it is, when, and how large the forces are; parts move with the log."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

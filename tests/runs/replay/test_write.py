@@ -1,7 +1,5 @@
 """The replay is one page that needs no network and moves as the log says."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

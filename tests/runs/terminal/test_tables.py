@@ -1,7 +1,5 @@
 """What the commands print: tables that fit the terminal and never cut a number."""
 
-from __future__ import annotations
-
 import io
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Keys that change nothing in their scenario are refused in one line."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.errors import BadInputError

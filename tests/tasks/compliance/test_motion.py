@@ -1,7 +1,5 @@
 """Two arms that press a part of one into one of the other: by the whole controller, on springs between their hands."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a scenario says of references becomes the arrays of a mode, and what does not fit is named."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """References by modes: one coordinate at a time against plain arithmetic, and switches of modes that are not felt."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Constraints as rows in joint accelerations: the bound of y'', the protocol, and walls of a user's own."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

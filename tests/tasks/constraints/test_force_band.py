@@ -1,7 +1,5 @@
 """The force band: a spring of any stiffness in the interval, whatever is commanded, stays within it."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

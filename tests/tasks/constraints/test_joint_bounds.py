@@ -1,7 +1,5 @@
 """The bounds of many joints are those of each joint alone, wherever they are and however fast."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

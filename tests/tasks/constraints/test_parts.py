@@ -1,7 +1,5 @@
 """Constraints as parts of a scenario: every shipped tag holds, in both controllers that take constraints."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Robust constraints: no error within its bounds, however it is chosen, leads out of the robustly invariant set."""
 
-from __future__ import annotations
-
 import itertools
 from types import SimpleNamespace
 from typing import Any

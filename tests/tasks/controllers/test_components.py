@@ -1,7 +1,5 @@
 """Components of task signals: by task and coordinate, with the unit of each."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from forcectl.framework.rotation_vector import RotationVector

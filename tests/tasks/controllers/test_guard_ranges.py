@@ -1,7 +1,5 @@
 """Guards that wait for wrenches and speeds of another unit are refused, others are not."""
 
-from __future__ import annotations
-
 import pytest
 
 from forcectl.errors import BadInputError

@@ -1,7 +1,5 @@
 """Scenario part `!ReactiveReaching` and its analysis: a short run on the station, and what is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scenario part `!TaskMachine`: modes follow guards on motion, force, grippers and controller; what is refused."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

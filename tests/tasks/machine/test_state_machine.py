@@ -1,7 +1,5 @@
 """The machine against a plain one that is written from the words of its documentation, and in single cases."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

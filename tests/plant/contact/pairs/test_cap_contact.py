@@ -1,7 +1,5 @@
 """Contact of a cap on a mount without meshes: statics, tilt, friction, waves, lock, action and reaction."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

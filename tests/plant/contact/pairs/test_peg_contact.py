@@ -1,7 +1,5 @@
 """Contact of a peg in a bore without meshes: statics, symmetry, action and reaction, and the geometry it stands for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
