@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ def assert_passes_no_nan(
     duration: float,
     period: float,
     inputs: Mapping[str, Input] | None = None,
+    outputs: Sequence[str] | None = None,
 ) -> None:
     """With NaN on any one vector input, no vector output becomes NaN or infinite: outputs stay finite, or it raises.
 
@@ -29,6 +30,7 @@ def assert_passes_no_nan(
         duration: of each run [s]; long enough for a value to come through.
         period: distance of the samples [s].
         inputs: values of the inputs in normal operation, see `run_diagram`; default zero.
+        outputs: names of the vector outputs to look at, see `run_diagram`.
 
     Raises:
         AssertionError: NaN came out (inputs, outputs and times are named), or it comes out without any going in.
@@ -39,7 +41,7 @@ def assert_passes_no_nan(
     if not names:
         raise BadInputError(f"{own_name(system)} has no vector input to put a NaN on")
     normal = dict(inputs or {})
-    before = _non_finite(run_diagram(system, duration, period=period, inputs=normal))
+    before = _non_finite(run_diagram(system, duration, period=period, inputs=normal, outputs=outputs))
     if before:
         raise AssertionError(
             f"{own_name(system)} is not finite even without a NaN: {', '.join(before)}; give it `inputs`"
@@ -48,7 +50,7 @@ def assert_passes_no_nan(
     for name in names:
         poisoned = {**normal, name: _from(duration / 2, normal.get(name, 0.0))}
         try:
-            log = run_diagram(system, duration, period=period, inputs=poisoned)
+            log = run_diagram(system, duration, period=period, inputs=poisoned, outputs=outputs)
         except Exception:
             continue  # loud is fine
         if reached := _non_finite(log):

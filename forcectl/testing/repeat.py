@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from pydrake.systems.framework import System
@@ -17,6 +17,7 @@ def assert_deterministic(
     duration: float,
     period: float,
     inputs: Mapping[str, Input] | None = None,
+    outputs: Sequence[str] | None = None,
 ) -> Log:
     """Two systems from the same `build` show bit-identical outputs in the same run.
 
@@ -25,6 +26,7 @@ def assert_deterministic(
         duration: [s].
         period: distance of the samples [s].
         inputs: see `run_diagram`.
+        outputs: names of the vector outputs to compare, see `run_diagram`.
 
     Returns:
         The log of the run.
@@ -33,7 +35,7 @@ def assert_deterministic(
         AssertionError: with the first difference.
     """
     __tracebackhide__ = True
-    first, second = (run_diagram(build(), duration, period=period, inputs=inputs) for _ in range(2))
+    first, second = (run_diagram(build(), duration, period=period, inputs=inputs, outputs=outputs) for _ in range(2))
     if difference := _first_difference(first, second):
         raise AssertionError(f"two builds give different runs, first in {difference}; seed every random source")
     return first
@@ -45,6 +47,7 @@ def assert_same_after_reset_and_clone(
     duration: float,
     period: float,
     inputs: Mapping[str, Input] | None = None,
+    outputs: Sequence[str] | None = None,
 ) -> Log:
     """Everything the system remembers is in its Context.
 
@@ -57,6 +60,7 @@ def assert_same_after_reset_and_clone(
         duration: [s]; at least two periods.
         period: distance of the samples [s].
         inputs: see `run_diagram`.
+        outputs: names of the vector outputs to compare, see `run_diagram`.
 
     Returns:
         The log of the first run.
@@ -69,7 +73,7 @@ def assert_same_after_reset_and_clone(
     context = system.CreateDefaultContext()
 
     def run(seconds: float, start: object) -> Log:
-        return run_diagram(system, seconds, period=period, inputs=inputs, context=start)
+        return run_diagram(system, seconds, period=period, inputs=inputs, outputs=outputs, context=start)
 
     first = run(duration, context)
     context.SetTime(0.0)

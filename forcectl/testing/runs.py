@@ -224,7 +224,9 @@ def vector_outputs(system: System, names: Sequence[str] | None, *, needed: bool 
     ports = (system.get_output_port(i, False) for i in range(system.num_output_ports()))
     known = {port.get_name(): port for port in ports if is_vector(port)}
     if names is None and not known and needed:
-        raise BadInputError(f"{own_name(system)} has no vector output to look at: export one, or name a block.port")
+        raise BadInputError(
+            f"{own_name(system)} has no vector output to look at: export one, or name a block.port in `outputs`"
+        )
     if names is None:
         return known
     wiring = Wiring(system) if any("." in name and name not in known for name in names) else None

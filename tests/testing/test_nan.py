@@ -36,6 +36,21 @@ def only_a_is_guarded(a, b):
     return b if a != a else a + b
 
 
+def test_only_the_outputs_that_are_named_are_looked_at():
+    builder = DiagramBuilder()
+    for name in ("law", "monitor"):
+        builder.AddNamedSystem(name, Guard((lambda a, b: a + b) if name == "monitor" else lambda a, b: 0.0))
+    guards = builder.GetSystems()
+    port = builder.ExportInput(guards[0].get_input_port(0), "a")
+    builder.ConnectInput(port, guards[1].get_input_port(0))
+    for guard in guards:
+        builder.Connect(builder.AddSystem(ConstantVectorSource([1.0])).get_output_port(), guard.get_input_port(1))
+    diagram = builder.Build()
+    assert_passes_no_nan(diagram, duration=0.2, period=0.1, outputs=["law.y"])
+    with pytest.raises(AssertionError, match=r"comes out of 'monitor\.y'"):
+        assert_passes_no_nan(diagram, duration=0.2, period=0.1, outputs=["law.y", "monitor.y"])
+
+
 def test_a_block_that_keeps_its_output_finite_passes():
     assert_passes_no_nan(Guard(lambda a, b: float(np.nan_to_num(a + b))), duration=0.2, period=0.1)
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from pydrake.common import RandomDistribution
 from pydrake.common.value import Value
-from pydrake.systems.framework import DiscreteStateIndex, LeafSystem
+from pydrake.systems.framework import DiagramBuilder, DiscreteStateIndex, LeafSystem
 from pydrake.systems.primitives import Gain, LinearSystem, RandomSource
 
+from forcectl.errors import BadInputError
 from forcectl.testing import assert_deterministic, assert_same_after_reset_and_clone
 
 
@@ -98,3 +99,20 @@ def test_memory_in_an_attribute_is_found_by_the_reset():
 def test_memory_in_an_attribute_is_found_by_the_clone():
     with pytest.raises(AssertionError, match=r"CloneBreaker and its clone run apart, first in count\[0\] at t = 0\.6"):
         assert_same_after_reset_and_clone(CloneBreaker(), duration=1.0, period=0.1)
+
+
+def test_outputs_inside_of_a_diagram_that_exports_none():
+    def build(hidden):
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("counter", Counter(hidden))
+        return builder.Build()
+
+    with pytest.raises(
+        BadInputError, match=r"no vector output to look at: export one, or name a block\.port in `outputs`"
+    ):
+        assert_deterministic(lambda: build(False), duration=1.0, period=0.1)
+    inside = {"duration": 1.0, "period": 0.1, "outputs": ["counter.count"]}
+    assert assert_deterministic(lambda: build(False), **inside)["counter.count"][-1, 0] > 0
+    assert_same_after_reset_and_clone(build(False), **inside)
+    with pytest.raises(AssertionError, match=r"first in counter\.count\[0\]"):
+        assert_same_after_reset_and_clone(build(True), **inside)
