@@ -20,7 +20,7 @@ from forcectl.inspect.delay import COMMANDS, SENSOR, DelayChain, trace, way_and_
 from forcectl.inspect.events import read_timing
 from forcectl.inspect.feedthrough import feedthrough_table
 from forcectl.inspect.names import said_type
-from forcectl.inspect.ports import PortName
+from forcectl.inspect.ports import PortName, find_inputs, find_outputs
 from forcectl.inspect.schedule import clean
 from forcectl.inspect.start import StartValues
 from forcectl.inspect.ways import Hops
@@ -119,6 +119,9 @@ def _delays(
     if asked:
         first, last = defaults[-1] if defaults and defaults[-1][0] == SENSOR else (SENSOR, COMMANDS[0])
         named = (first if sensor is None else sensor, last if command is None else command)
+        for key, given, default in (("sensor (--from)", sensor, first), ("command (--to)", command, last)):
+            if given is None and not any(find(values.wiring, default) for find in (find_inputs, find_outputs)):
+                raise BadInputError(f"{key} must be given: no port here is called {default}, the default")
         ways = defaults if named in defaults else way_and_back(hops, *named)
     source, target = ways[-1] if ways else ("", "")
     closed = len(ways) > 1 and ways[0][0] == target

@@ -85,7 +85,7 @@ def test_something_else_is_refused(call):
 
 
 def test_an_expected_delay_where_none_can_be_found_is_never_passed_over():
-    with pytest.raises(BadInputError, match="unknown port 'measured_force'"):
+    with pytest.raises(BadInputError, match=r"sensor \(--from\) must be given: no port here is called measured_force"):
         examine(Gain(1.0, 1), expected_delay=0.0)
     builder = DiagramBuilder()
     for name in ("measured_force", "displacement_command"):
