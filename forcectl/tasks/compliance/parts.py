@@ -50,6 +50,7 @@ class SwingConfig(Config):
     amplitude: float = key(0.0, "reached after the first period", unit="m or rad", bounds="from 0 to 10")
     growth: float = key(0.0, "of the amplitude in time", unit="m/s or rad/s", bounds="from 0 to 10")
     phase_deg: float = key(0.0, "of the sine", unit="deg")
+    delay: float = key(0.0, "from the begin of the mode until it begins", unit="s", bounds="from 0 to 100")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -201,7 +202,7 @@ def mode_references(
         hysteresis=_of(angular, gains.turn_hysteresis, gains.hysteresis),
         tables=tables,
         swings=[
-            Swing(row, swing.frequency, swing.amplitude, swing.growth, math.radians(swing.phase_deg))
+            Swing(row, swing.frequency, swing.amplitude, swing.growth, math.radians(swing.phase_deg), swing.delay)
             for row, each in enumerate(found)
             if (swing := each.swing) is not None
         ],

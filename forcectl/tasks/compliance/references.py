@@ -30,7 +30,7 @@ by up to J Ts a tick, towards v, and such that it can still end there as the fil
 It is over once the filter asks for that acceleration, but for a tenth of J Ts.
 
 The swing is a sine whose amplitude A + g t grows, with the envelope e that rises in the first period, so that it begins
-at rest::
+at rest, t after its delay::
 
     s(t) = e(f t) (A + g t) sin(2 pi f t + phase),    e(u) = u^3 (10 - 15 u + 6 u^2) up to u = 1
 """
@@ -85,6 +85,7 @@ class Swing(NamedTuple):
         frequency: f [1/s].
         amplitude, growth: A and g [m or rad, per s].
         phase: [rad].
+        delay: from the begin of the mode on [s].
     """
 
     row: int
@@ -92,10 +93,12 @@ class Swing(NamedTuple):
     amplitude: float
     growth: float
     phase: float
+    delay: float
 
     def at(self, time: float) -> tuple[float, float, float]:
         """s, s' and s'' at a time in the mode [s]."""
-        _, f, A, g, phase = self
+        _, f, A, g, phase, delay = self
+        time = max(time - delay, 0.0)
         u, w = min(f * time, 1.0), 2.0 * math.pi * f
         e = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
         e1, e2 = 30.0 * f * (u * (1.0 - u)) ** 2, 60.0 * f**2 * u * (1.0 - u) * (1.0 - 2.0 * u)

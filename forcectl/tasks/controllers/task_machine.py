@@ -215,7 +215,11 @@ class TaskMachineConfig(TaskControllerConfig):
         for mode, said in self.modes.items():
             for name, references in said.references.items():
                 for coordinate, one in references.items():
-                    _check_reference(f"modes.{mode}.references.{name}.{coordinate}", one, spaces[name], coordinate)
+                    key = f"modes.{mode}.references.{name}.{coordinate}"
+                    _check_reference(key, one, spaces[name], coordinate)
+                    if one.swing and said.timeout is not None and not one.swing.delay < said.timeout:
+                        allowed = f"below {said.timeout:g} s, the timeout of the mode"
+                        raise invalid(f"{key}.swing.delay", one.swing.delay, allowed)
 
     def _check_guards(self, ranges: Mapping[str, tuple[float, float]], because: str) -> None:
         """Guards wait for values within these ranges, see `check_able`."""

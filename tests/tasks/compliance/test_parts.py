@@ -60,7 +60,7 @@ def test_every_coordinate_has_what_is_said_of_it_in_the_order_of_the_tasks():
     (table,) = made.tables
     assert (table.row, table.of) == (5, 4)
     np.testing.assert_allclose(made.admittance_at(np.array([0, 0, 0, 0, 0.01, 0, 0]))[1][5], 0.45)
-    assert made.swings == [(6, 2.5, 0.026, 0.0, np.pi / 2)]
+    assert made.swings == [(6, 2.5, 0.026, 0.0, np.pi / 2, 0.0)]
     np.testing.assert_array_equal(made.limits.velocity, [0.5] * 5 + [1.5] * 2)
     assert made.followed.all()
     assert read("{}", followed=["peg"]).followed.tolist() == [False] * 2 + [True] * 5
@@ -85,6 +85,10 @@ def test_every_coordinate_has_what_is_said_of_it_in_the_order_of_the_tasks():
         ("{peg: {z: {comply: true, speed_limit: [-0.1]}}}", "references.peg.z.speed_limit"),
         ("{peg: {z: {comply: true, speed_limit: [0, 0]}}}", "references.peg.z.speed_limit"),
         ("{peg: {phi: {swing: {frequency: 2}}}}", "references.peg.phi.swing.amplitude = 0.0: must be above zero"),
+        (
+            "{peg: {phi: {swing: {amplitude: 0.1, frequency: 2, delay: -1}}}}",
+            "references.peg.phi.swing.delay = -1.0: must be from 0 to 100",
+        ),
         ("{peg: {phi: {swing: {amplitude: 0.1}}}}", "references.peg.phi.swing.frequency is missing"),
         (
             "{peg: {phi: {comply: true, damping_over: {coordinate: psi, at: [0], factor: [1]}}}}",

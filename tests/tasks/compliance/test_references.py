@@ -281,6 +281,17 @@ def test_a_spiral_grows():
     np.testing.assert_allclose(radius[time > 1.0], 1e-3 * time[time > 1.0], atol=1e-12)
 
 
+def test_a_swing_with_a_delay_is_the_same_swing_later():
+    def swung(delay):
+        loop = Loop([mode({"x": {"swing": SwingConfig(amplitude=0.01, growth=1e-3, frequency=2.0, delay=delay)}})])
+        loop.run(400)
+        return loop.log(NAMES[0])[:, 0] - START[0]
+
+    at_once, later = swung(0.0), swung(0.2)
+    np.testing.assert_array_equal(later[:50], 0.0)
+    np.testing.assert_allclose(later[50:], at_once[:-50], atol=1e-12)
+
+
 # --- modes -----------------------------------------------------------------------------------------------------------
 
 LIMITS = MotionLimitsConfig()

@@ -149,6 +149,10 @@ def test_what_goes_wrong_ends_in_a_mode_of_its_own(inputs: dict[str, Any], last:
             ("{velocity: -0.05}", "{velocity: -0.05, swing: {frequency: 1, amplitude: 5}}"),
             "swing.amplitude = 5.0: must be at",
         ),
+        (
+            ("{velocity: -0.05}", "{velocity: -0.05, swing: {frequency: 1, amplitude: 0.01, delay: 90}}"),
+            "modes.lower.references.touch.z.swing.delay = 90.0: must be below",
+        ),
         (("references: {touch: {z: {by", "references: {tuch: {z: {by"), "modes.press.references.tuch: unknown task"),
         (("    hold: !Arm", "    touch_force: !Arm"), "in guards 'touch_force' is the force on 'touch'"),
         (("    hold: !Arm", "    stalled: !Arm"), "tasks.stalled: must be called otherwise: in guards"),
