@@ -175,7 +175,7 @@ def _advance(simulator: Simulator, system: System, time: float, *, wary: bool) -
     if not wary:
         simulator.AdvanceTo(time)
         return
-    simulator.set_monitor(lambda context: EventStatus.ReachedTermination(None, "one step"))
+    simulator.set_monitor(lambda context: EventStatus.ReachedTermination(system, "one step"))
     try:
         while simulator.get_context().get_time() < time:
             _carry_out_events(simulator)
