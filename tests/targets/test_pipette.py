@@ -36,3 +36,14 @@ def test_a_fault_while_fetching_ends_in_a_named_failure(fault: str) -> None:
     assert [stay.mode for stay in stays(log)] == [*way, end]
     assert stays(log)[-1].kind == 2
     assert float(log["arm_contact_force"].max()) < 18.0
+
+
+@pytest.mark.slow
+def test_the_mouth_of_a_body_beside_its_place_is_found() -> None:
+    beside = {f"{PARTS}.tube.misplaced.offset": 0.013, f"{PARTS}.tube.misplaced.tilt_deg": 5.0}
+    short = {"duration": 11.5, "after_end": 0.0, "expect": []}
+    log = fc.run("pipette", variant="6 mm, 10 degrees", overrides=beside | short).log
+    way = [stay.mode for stay in stays(log)]
+    expected = ["approach", "taring", "compliant", "align", "withdraw", "search_bore", "compliant"]
+    assert way[way.index("approach") :] == expected
+    assert float(log["arm_contact_force"].max()) < 18.0
