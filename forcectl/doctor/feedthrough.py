@@ -61,9 +61,10 @@ def missing_prerequisites(values: StartValues) -> Iterator[Finding]:
 def _changes(values: StartValues, output: PortAddress, reader: PortAddress) -> bool:
     """Whether an output is another one at the start when one of its block's inputs is, and is repeatable else."""
     try:
-        first, again, other = (
-            values.wiring.port(output).Eval(_stepped(values, reader, step)) for step in (0.0, 0.0, 1.0)
-        )
+        with np.errstate(all="ignore"):  # a step may lead to where the block never is
+            first, again, other = (
+                values.wiring.port(output).Eval(_stepped(values, reader, step)) for step in (0.0, 0.0, 1.0)
+            )
     except FAILURES:
         return False
     same, unchanged = (np.array_equal(first, value, equal_nan=True) for value in (again, other))
