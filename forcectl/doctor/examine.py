@@ -62,8 +62,7 @@ def examine(
     timing = read_timing(values)
     hops = Hops(wiring, timing.events)
     findings = [
-        *_structure(wiring),
-        *missing_prerequisites(values),
+        *_structure(values),
         *refused_scheme(values, chosen),
         *non_finite_outputs(values),
         *failed_updates(values, timing),
@@ -90,15 +89,16 @@ def examine_builder(builder: DiagramBuilder) -> Report:
     if builder.already_built():
         raise BadInputError("this builder has already built its diagram: use examine(diagram)")
     wiring = Wiring(builder)
-    findings = [*_structure(wiring), *missing_prerequisites(StartValues(wiring))]
-    return Report("", sort_findings(findings), feedthrough_table(wiring))
+    return Report("", sort_findings(_structure(StartValues(wiring))), feedthrough_table(wiring))
 
 
-def _structure(wiring: Wiring) -> list[Finding]:
+def _structure(values: StartValues) -> list[Finding]:
+    wiring = values.wiring
     return [
         *unconnected_inputs(wiring),
         *algebraic_loops(wiring),
         *undeclared_prerequisites(wiring),
+        *missing_prerequisites(values),
         *mismatches(wiring),
         *unused_outputs(wiring),
     ]

@@ -65,9 +65,9 @@ def assert_feedthrough(system: System, pairs: Iterable[tuple[str, str]]) -> None
             not declare; all are listed.
     """
     __tracebackhide__ = True
-    wanted = set(pairs)
+    wanted, wiring = set(pairs), Wiring(system)
     outputs, inputs = output_names(system), input_names(system)
-    found = {(outputs[o], inputs[i]) for i, o in Wiring(system).feedthrough("")}
+    found = {(outputs[o], inputs[i]) for i, o in wiring.feedthrough("")}
     lines = [
         f"  ({output!r}, {source!r}): no such {'output' if output not in outputs else 'input'}; outputs {outputs}, "
         f"inputs {inputs}"
@@ -80,6 +80,6 @@ def assert_feedthrough(system: System, pairs: Iterable[tuple[str, str]]) -> None
             f"  {o} <- {i} is too many: declare prerequisites_of_calc of {o} without it, or hold {o} in a state"
             for o, i in sorted(found - wanted)
         ]
-        lines += [f"  {each.path} {each.message}" for each in missing_prerequisites(StartValues(Wiring(system)))]
+        lines += [f"  {each.path} {each.message}" for each in missing_prerequisites(StartValues(wiring))]
     if lines:
         raise AssertionError("\n".join([f"direct feedthrough of {own_name(system)} is not as stated:", *lines]))
