@@ -30,7 +30,7 @@ from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.joint_impedance import JointImpedanceConfig
-from forcectl.plant.drives.motors import MOTOR_PORTS, export_motion, joint_to_motor, loop_inertia, rotor_inertia
+from forcectl.plant.drives.motors import MOTOR_PORTS, export_motion, joint_to_motor, loop_inertia
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.robot.model import RobotModel
@@ -82,7 +82,7 @@ class PositionDriveConfig(Config, in_batches=True):
         to_motor, parameters = joint_to_motor(robot), robot.parameters
         axes = speeds @ to_motor.T
         bends = np.diff(axes, axis=0, prepend=axes[:1]) / workcell.period
-        moved = springs @ np.linalg.inv(to_motor) + rotor_inertia(robot) * bends
+        moved = springs @ np.linalg.inv(to_motor) + parameters.reflected_inertia * bends
         moved += self.servo.friction_scale * parameters.viscous_friction * axes
         rubbing = self.servo.friction_scale * parameters.coulomb_friction
         return np.where(axes == 0.0, np.abs(moved) + rubbing, np.abs(moved + rubbing * np.sign(axes)))
@@ -96,7 +96,7 @@ class PositionDriveConfig(Config, in_batches=True):
 
     def _servo(self, workcell: Workcell) -> System:
         robot, servo, step = workcell.robot, self.servo, workcell.config.time_step
-        parameters, rotors = robot.parameters, rotor_inertia(robot)
+        parameters, rotors = robot.parameters, robot.parameters.reflected_inertia
         return Drive(
             rotors,
             joint_to_motor(robot),
@@ -119,7 +119,7 @@ class JointImpedanceDriveConfig(JointImpedanceConfig, PositionDriveConfig):
 
     def holding_stiffness(self, robot: RobotModel) -> Vector:
         """K_q, shape (n,) [Nm/rad]."""
-        return self.joint_stiffness(rotor_inertia(robot))
+        return self.joint_stiffness(robot.parameters.reflected_inertia)
 
     def _servo(self, workcell: Workcell) -> System:
         return TorqueInterface(workcell, self, self.servo.friction_scale)

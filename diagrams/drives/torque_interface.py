@@ -14,7 +14,7 @@ from forcectl.errors import BadInputError
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.joint_impedance import GravityCompensation, JointImpedance, JointImpedanceConfig
-from forcectl.plant.drives.motors import MOTOR_PORTS, joint_to_motor, rotor_inertia
+from forcectl.plant.drives.motors import MOTOR_PORTS, joint_to_motor
 from forcectl.plant.drives.torque_drive import TorqueDrive
 
 _MOST_TAKEN = 1.7  # of a motor's speed per tick; it grows from 2 on
@@ -49,7 +49,7 @@ class TorqueInterface(PythonDiagram):
         super().__init__()
         step, robot, n = workcell.config.time_step, workcell.robot, workcell.num_joints
         parameters, springs = robot.parameters, workcell.spring_stiffness
-        inertia = rotor_inertia(robot)
+        inertia = robot.parameters.reflected_inertia
         stiffness = workcell.drive_stiffness
         links = np.diag(robot.mass_matrix(workcell.start_context()))
         damping = interface.joint_damping(stiffness, inertia + links)

@@ -48,7 +48,7 @@ def assumed_loop_inertia(parameters: ControlParameters, moved: Array) -> Array:
         parameters: completed.
         moved: inertia of what each joint moves beside its rotor, shape (n,) [kg m^2].
     """
-    return LOOP_SHARE * (parameters.rotor_inertia * parameters.gear_ratio**2 + moved)
+    return LOOP_SHARE * (parameters.reflected_inertia + moved)
 
 
 def completed(

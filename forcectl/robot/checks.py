@@ -180,7 +180,7 @@ def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuato
     speed = np.array([float(actuator.joint().velocity_upper_limits()[0]) for actuator in actuators])
     turns = np.array([_turns(each) for each in actuators])
     _check_rotors(parameters, torque, turns)
-    tuned, rotors = parameters.velocity_loop_inertia, parameters.rotor_inertia * parameters.gear_ratio**2
+    tuned, rotors = parameters.velocity_loop_inertia, parameters.reflected_inertia
     least, most = _LOOP_INERTIA
     coulomb = parameters.coulomb_friction + np.abs(parameters.friction_offset)
     if allowed := beyond_coulomb(coulomb, torque):

@@ -7,10 +7,9 @@ parameters as constants; their arrays are read-only.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -170,6 +169,11 @@ class ControlParameters(Config):
         """Joint positions of the default posture, shape (n,) [rad]."""
         return np.radians(self.default_posture_deg)
 
+    @property
+    def reflected_inertia(self) -> np.ndarray:
+        """Inertia of each rotor at its joint, without couplings between motors, shape (n,) [kg m^2]."""
+        return self.rotor_inertia * self.gear_ratio**2
+
     def coupling(self) -> np.ndarray:
         """Motor speeds before their gears per joint speeds, shape (n, n) [1]."""
         T = np.eye(self.num_joints)
@@ -195,8 +199,7 @@ class ControlParameters(Config):
         return {} if chosen is not None and name not in chosen else self.link_compliance
 
     def only(self, arm: str) -> ControlParameters:
-        """The parameters of one arm of a robot that has several; the joints of the others are held in the default
-        posture.
+        """The parameters of one arm of several; the joints of the others are held in the default posture.
 
         Raises:
             BadInputError: there is no such arm.
@@ -209,7 +212,7 @@ class ControlParameters(Config):
         first = self.arm_joints.index(joints[0])
         mine = slice(first, first + len(joints))
         others = {name: float(q) for name, q in zip(self.arm_joints, self.default_posture, strict=True)}
-        return dataclasses.replace(
+        return replace(
             self,
             arm_joints=joints,
             arms={arm: self.arms[arm]},
@@ -291,14 +294,13 @@ def _load(kind: type[T], file: Path) -> T:
     tree = read_keys(file)
     model = tree.get("model")
     try:
-        parameters: T = Reader(lambda key: place(file.name, tree.lines, key)).dataclass(kind, tree, "")
+        return Reader(lambda key: place(file.name, tree.lines, key)).dataclass(kind, tree, "")
     except BadInputError as error:
         if kind is ControlParameters and isinstance(model, str) and " is missing: " in str(error):
             error.text += "".join(f"; {text}" for text in missing_limits(tree, file.parent / model))
         if isinstance(model, str) and not os.path.isfile(file.parent / model):
             error.text += f"; model = {model!r}: there is no such file in folder {str(file.parent)!r}"
         raise
-    return parameters
 
 
 def missing_limits(keys: Mapping[str, Any], model: Path) -> list[str]:

@@ -80,11 +80,6 @@ def joint_to_motor(robot: RobotModel) -> Matrix:
     return robot.motor_from_joint / robot.parameters.gear_ratio[:, None]
 
 
-def rotor_inertia(robot: RobotModel) -> Vector:
-    """B: of each rotor at its joint, shape (n,) [kg m^2]."""
-    return robot.parameters.rotor_inertia * robot.parameters.gear_ratio**2
-
-
 def loop_inertia(robot: RobotModel) -> Vector:
     """What the velocity loop of each joint is tuned for, shape (n,) [kg m^2]; empty for the rotors alone."""
     parameters = robot.parameters

@@ -5,7 +5,7 @@ import pytest
 
 from forcectl.diagrams.drives.position_drive import PositionDriveConfig
 from forcectl.diagrams.workcell import Workcell
-from forcectl.plant.drives.motors import joint_to_motor, rotor_inertia
+from forcectl.plant.drives.motors import joint_to_motor
 from forcectl.plant.drives.servo import ServoConfig
 from tests.examples.block_examples_stations import pressing_workcell
 
@@ -32,7 +32,7 @@ def test_a_motor_that_moves_needs_what_its_inertia_and_friction_take(workcell: W
     axes = speeds @ joint_to_motor(workcell.robot).T
     bends = 2.0 * joint_to_motor(workcell.robot).sum(axis=1)
     rubbing = 0.5 * (parameters.coulomb_friction + parameters.viscous_friction * axes)
-    np.testing.assert_allclose(needed[1:], (rotor_inertia(workcell.robot) * bends + rubbing)[1:])
+    np.testing.assert_allclose(needed[1:], (workcell.robot.parameters.reflected_inertia * bends + rubbing)[1:])
 
 
 def test_couplings_of_motors_pass_the_power_of_the_springs_on(workcell: Workcell) -> None:

@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from forcectl.errors import BadInputError
-from forcectl.plant.drives.motors import MOTOR_PORTS, Motors, export_motion, joint_to_motor, rotor_inertia
+from forcectl.plant.drives.motors import MOTOR_PORTS, Motors, export_motion, joint_to_motor
 
 S = np.array([[1.0, 0.0], [-0.02, 1.0]])
 
@@ -21,7 +21,7 @@ def test_couplings_of_the_comau_wrist(robot):
 def test_a_rotor_weighs_at_its_joint_with_its_gear_ratio_squared(robot):
     """The energy of the rotors is the same on both sides: B on motor angles over gear ratios, as in the robot model."""
     coupling = joint_to_motor(robot)
-    np.testing.assert_allclose(coupling.T @ np.diag(rotor_inertia(robot)) @ coupling, robot.motor_inertia)
+    np.testing.assert_allclose(coupling.T @ np.diag(robot.parameters.reflected_inertia) @ coupling, robot.motor_inertia)
 
 
 @pytest.mark.parametrize(
