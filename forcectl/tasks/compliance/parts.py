@@ -20,6 +20,7 @@ import numpy as np
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check
 from forcectl.framework.fields import Config, key
+from forcectl.tasks.compliance.felt import ForceFilter, decay
 from forcectl.tasks.compliance.references import DampingTable, ModeReferences, Swing
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
@@ -40,6 +41,9 @@ class AdmittanceGainsConfig(Config):
         0.0, "h: forces are followed once they turned back by 2 h", unit="N", bounds="from 0 to 100"
     )
     turn_hysteresis: float = key(0.0, "the same of torques", unit="Nm", bounds="from 0 to 100")
+    smoothing: float = key(
+        0.0, "tau: time constant of a low-pass before the hysteresis; 0: none", unit="s", bounds="from 0 to 10"
+    )
 
 
 @dataclass(kw_only=True)
@@ -194,12 +198,15 @@ def mode_references(
         fastest=np.array([each.speed_limit[1] if each.speed_limit else np.inf for each in found]),
         inertia=inertia,
         damping=damping,
-        dead_band=_of(
-            angular,
-            check("torque_dead_band", torque_dead_band, "not negative"),
-            check("force_dead_band", force_dead_band, "not negative"),
+        filter=ForceFilter(
+            decay=np.full(len(found), decay(gains.smoothing, period)),
+            hysteresis=_of(angular, gains.turn_hysteresis, gains.hysteresis),
+            dead_band=_of(
+                angular,
+                check("torque_dead_band", torque_dead_band, "not negative"),
+                check("force_dead_band", force_dead_band, "not negative"),
+            ),
         ),
-        hysteresis=_of(angular, gains.turn_hysteresis, gains.hysteresis),
         tables=tables,
         swings=[
             Swing(row, swing.frequency, swing.amplitude, swing.growth, math.radians(swing.phase_deg), swing.delay)

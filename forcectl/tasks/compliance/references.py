@@ -6,14 +6,7 @@
 with the commanded motion x, the force F along the coordinate and a swing s. Of a coordinate that complies the generator
 goes on from its own state, the arrangement `consistent` of `forcectl.force.admittance`; of any other one from x - s.
 
-F is what a dead band b leaves of the given force F_m behind a play of half-width h. Where h is wider than b, it is
-narrower near zero, so that no force stays none::
-
-    P[k] = min(max(P[k-1], F_m[k] - w), F_m[k] + w),    w = min(h, max(b, |F_m[k]|))
-    F = sign(P) max(|P| - b, 0)
-
-Noise of F_m that is smaller than h does not turn the motion round. From a force that has come to rest F differs by up
-to h.
+F is what filter, play and dead band leave of the given force, see `forcectl.tasks.compliance.felt`.
 
 D may depend on another coordinate. That makes no filter faster than H/D = 20 ms, the lag of the servos: from there on H
 grows with D. A filter near H/D = Ts/2 would turn round at every tick.
@@ -47,19 +40,18 @@ from pydrake.systems.framework import Context
 
 from forcectl.arrays import Array, Mask
 from forcectl.errors import invalid
-from forcectl.estimation.momentum_observer import dead_band
 from forcectl.force.admittance import admittance_step
 from forcectl.framework.batch import check_count
 from forcectl.framework.block import scratch
 from forcectl.framework.kernels import largest, smallest
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.motion.trajectory import Limits, Motion, Planner, Target, TrajectoryState, begin
+from forcectl.tasks.compliance.felt import ForceFilter, felt, unfelt
 
 _START = ("start_position", "start_velocity", "start_acceleration")
 _REFERENCES = tuple(f"task_{name}_reference" for name in ("position", "velocity", "acceleration"))
 _ROUNDING = 1e-9
 _LAG = 0.02  # [s] of the servos
-_LARGEST_FORCE = 1e6  # [N or Nm] a force beyond is no number
 
 
 class DampingTable(NamedTuple):
@@ -121,8 +113,7 @@ class ModeReferences(NamedTuple):
         force: F_bar [N or Nm].
         slowest, fastest: limits of dv [m/s or rad/s].
         inertia, damping: H and D [kg or kg m^2/rad, N s/m or Nms/rad].
-        dead_band: b [N or Nm].
-        hysteresis: h [N or Nm].
+        filter: that forces pass.
         tables: of the damping.
         swings: of the coordinates that swing.
         limits: of the generator.
@@ -139,8 +130,7 @@ class ModeReferences(NamedTuple):
     fastest: Array
     inertia: Array
     damping: Array
-    dead_band: Array
-    hysteresis: Array
+    filter: ForceFilter
     tables: Sequence[DampingTable]
     swings: Sequence[Swing]
     limits: Limits
@@ -231,7 +221,7 @@ class CompliantReferences(SampledBlock):
         self._modes, sizes = tuple(modes), [check_count("groups", count) for count in groups]
         k = self._size = sum(sizes)
         self._sizes, self._begins = np.array(sizes), np.cumsum([0, *sizes[:-1]], dtype=int)
-        self._nothing_felt = np.ones(k, dtype=bool), np.zeros(k), np.zeros(k)
+        self._unfelt = unfelt(k)
         every = [mode.limits for mode in modes]
 
         def planners() -> list[Planner]:
@@ -249,7 +239,8 @@ class CompliantReferences(SampledBlock):
             "ticks": none,  # since the mode began, or the force along a coordinate was a number again
             "trajectory": begin(start)[:].ravel(),
             "swing": np.zeros(3 * k),
-            "force": none,  # that coordinates comply to: the measured one behind the hysteresis
+            "smooth": np.full(k, np.nan),  # forces that coordinates comply to behind the low-pass; NaN for none
+            "force": none,  # the same behind the play as well
             "eased": none,  # 1 in coordinates that are eased in
             "goal": np.full(k, np.nan),  # where the generator goes to; NaN where it takes on a velocity
             **dict(zip(_REFERENCES, (start, none, none), strict=True)),
@@ -275,7 +266,10 @@ class CompliantReferences(SampledBlock):
         state = TrajectoryState(memory["trajectory"].reshape(-1, self._size))
         own, swing, eased = state[:3], memory["swing"].reshape(3, -1), memory["eased"] > 0.5
         complies = largest(mode.comply)
-        ok, force, pushed = self._felt(mode, memory["force"], inputs["task_force"]) if complies else self._nothing_felt
+        forces = self._unfelt
+        if complies:
+            forces = felt(mode.filter, mode.comply, inputs["task_force"], memory["smooth"], memory["force"])
+        ok, pushed = forces.ok, np.where(mode.comply & forces.ok, forces.force - mode.force, 0.0)
         if number != before:
             ticks, goal = np.zeros(self._size), np.where(np.isnan(mode.position), commanded[0] + mode.by, mode.position)
             complied = mode.comply & self._modes[before].comply & (before >= 0)
@@ -328,7 +322,8 @@ class CompliantReferences(SampledBlock):
             "ticks": ticks,
             "trajectory": state[:].ravel(),
             "swing": swing.ravel(),
-            "force": force,
+            "smooth": forces.smooth,
+            "force": forces.kept,
             "eased": eased.astype(float),
             "goal": goal,
             **dict(zip(_REFERENCES, reference, strict=True)),
@@ -336,22 +331,6 @@ class CompliantReferences(SampledBlock):
             "task_displacement": dx,
             "task_force_ok": ok.astype(float),
         }
-
-    @staticmethod
-    def _felt(mode: ModeReferences, last: Array, measured: Array) -> tuple[Mask, Array, Array]:
-        """Whether the force along a coordinate is known, that behind the hysteresis, and what is given way to.
-
-        The forces are 0 where a coordinate does not comply or its force is not known.
-
-        Args:
-            last: behind the hysteresis at the tick before.
-            measured: as it came in.
-        """
-        ok = (np.abs(measured) < _LARGEST_FORCE) | ~mode.comply
-        width = np.minimum(mode.hysteresis, np.maximum(mode.dead_band, np.abs(measured)))
-        followed = np.minimum(np.maximum(last, measured - width), measured + width)
-        force = np.where(mode.comply & ok, followed, 0.0)
-        return ok, force, np.where(mode.comply & ok, dead_band(force, mode.dead_band) - mode.force, 0.0)
 
     @staticmethod
     def _taken_over(mode: ModeReferences, complied: Mask, commanded: Array, own: Array, pushed: Array) -> Array:

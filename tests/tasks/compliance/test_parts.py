@@ -56,7 +56,7 @@ def test_every_coordinate_has_what_is_said_of_it_in_the_order_of_the_tasks():
     np.testing.assert_array_equal(made.slowest, [-np.inf, -np.inf, -0.03, *[-np.inf] * 4])
     np.testing.assert_array_equal(made.inertia, [0.4] * 5 + [0.01] * 2)
     np.testing.assert_array_equal(made.damping, [35.0] * 5 + [0.3, 0.2])
-    np.testing.assert_array_equal(made.dead_band, [0.4] * 5 + [0.03] * 2)
+    np.testing.assert_array_equal(made.filter.dead_band, [0.4] * 5 + [0.03] * 2)
     (table,) = made.tables
     assert (table.row, table.of) == (5, 4)
     np.testing.assert_allclose(made.admittance_at(np.array([0, 0, 0, 0, 0.01, 0, 0]))[1][5], 0.45)
