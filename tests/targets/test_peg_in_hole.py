@@ -65,3 +65,13 @@ def test_a_bore_that_is_too_narrow_jams(tmp_path: Path) -> None:
     ended, force = last({f"{TUBE}.model": str(tmp_path / "narrow.urdf"), "controller.modes.align.timeout": 1.0})
     assert ended == "jammed"
     assert force < LARGEST
+
+
+@pytest.mark.slow
+def test_a_joint_that_hardly_moves_does_not_follow_the_noise_as_the_plunger_slides() -> None:
+    """A trial of Table 6.1 in which noise at the edge of the hysteresis made 3 reversals a second without smoothing."""
+    overrides = {f"{TUBE}.misplaced": {"offset": 0.003, "tilt_deg": 20.0}}
+    variant = "3 mm, 5 degrees"
+    metrics = fc.run("peg_in_hole", variant=variant, overrides=overrides, seed=64).metrics[variant]
+    assert metrics["inserted"] == 1.0
+    assert metrics["reversals_at_rest_1_s"] <= 2.0
