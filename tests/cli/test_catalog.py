@@ -37,6 +37,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(monkeypatch):
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 def test_list_of_a_kind_shows_what_each_is(forcectl, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     for kind in KINDS:

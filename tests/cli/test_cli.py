@@ -92,6 +92,7 @@ def test_json_and_quiet(forcectl, without_pictures):
     assert forcectl("check", "fig_2_8", "--fidelity", "OneDimensional", "--quiet") == (0, "", "")
 
 
+@pytest.mark.slow
 def test_show_refuses_what_is_no_run_and_draws_what_was_interrupted(forcectl, tmp_path, monkeypatch):
     (tmp_path / "other").mkdir()
     code, _, err = forcectl("show", "other")

@@ -81,6 +81,7 @@ def test_an_interrupt_when_all_was_simulated_keeps_all(loop, tmp_path):
     assert log["time"].values[-1] == pytest.approx(1.0, abs=0.003)
 
 
+@pytest.mark.slow
 def test_an_interrupted_reproduction_keeps_what_had_finished_and_ends_its_processes(
     loop, warm, without_pictures, tmp_path
 ):

@@ -67,6 +67,7 @@ def test_a_name_too_long_for_a_file_is_one_line(forcectl, arguments):
     assert len(said) < 1200
 
 
+@pytest.mark.slow
 def test_a_title_beyond_the_fonts_of_figures_is_no_page_of_warnings(forcectl, recwarn):
     run = ("run", "fig_2_7", "--variant", "K_I = 1.5 1/s", "--fidelity", "OneDimensional", "--set", "duration=0.02")
     assert forcectl(*run, "--set", "title=力")[0] == 0

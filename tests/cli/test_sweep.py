@@ -48,6 +48,7 @@ def test_a_shard_without_trials_says_so(forcectl, tmp_path):
     assert forcectl("sweep", "--status", "none") == (0, "small: 0 trials\n", "")
 
 
+@pytest.mark.slow
 def test_failed_trials_give_exit_code_1(forcectl, tmp_path):
     file = write(tmp_path, overrides=small()["overrides"] | FAILING, arms={}, keys={STIFFNESS: [1e5, 2e5]})
     code, out, err = forcectl("sweep", file, "--out", "out", "--engine", "sequential")

@@ -103,6 +103,7 @@ def test_rows_are_the_derivatives_of_the_distance(seed: int, with_obstacles: boo
     assert np.mean(np.abs(second - foreseen)[outside] > 1e-4) < 0.05
 
 
+@pytest.mark.slow
 def test_the_rows_are_the_ones_that_need_it_most() -> None:
     """Of all balls, by how much faster each may come before braking is too late, in states that rows allow."""
     rng, compared = np.random.default_rng(5), 0

@@ -58,6 +58,7 @@ def test_a_part_that_is_put_down_stays_there(tmp_path):
         np.testing.assert_allclose(held.read(name), 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_part_is_put_down_and_taken_up_again(tmp_path):
     held = Held(block_in_hand(tmp_path, table=1e-4))
     held.go(0.1)
@@ -94,6 +95,7 @@ def test_a_part_is_put_down_and_taken_up_again(tmp_path):
     assert not held.read("tip_wrench").any()
 
 
+@pytest.mark.slow
 def test_a_part_that_lies_on_a_table_is_fetched(tmp_path):
     place = np.array([0.05, 0.02, -0.03])
     held = Held(block_in_hand(tmp_path, table=0.0301, lying=place))
@@ -110,6 +112,7 @@ def test_a_part_that_lies_on_a_table_is_fetched(tmp_path):
     np.testing.assert_allclose(held.read("part_position") - start, [0.0, 0.0, 0.04], atol=3e-3)
 
 
+@pytest.mark.slow
 def test_a_part_that_is_pulled_out_of_the_fingers_is_lost(tmp_path):
     soft = {"stiffness": [500.0] * 3, "force_limit": [2.0] * 3, "largest_offset": 0.008}
     held = Held(block_in_hand(tmp_path, table=1e-4, **soft))

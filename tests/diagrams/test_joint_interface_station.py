@@ -134,6 +134,7 @@ def test_the_lag_of_steady_motion(share, lag):
     np.testing.assert_allclose(behind, lag, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_servos_of_2_khz_on_a_plant_of_1_khz():
     """A push is answered as with a plant of 2 kHz: three times as well as by loops that run at 1 kHz themselves."""
 
@@ -149,6 +150,7 @@ def test_servos_of_2_khz_on_a_plant_of_1_khz():
     assert off < 0.35 * far
 
 
+@pytest.mark.slow
 def test_one_step_of_time_or_half_of_it_give_the_same_motion():
     def swing(workcell):
         return lambda t: workcell.motor_start + 0.2 * np.sin(3 * t) ** 2 * np.array([1, -1, 1, -1, 1, -1, 1])
@@ -217,6 +219,7 @@ def pressed_on_a_box(stiffness):
     return workcell, axis, log
 
 
+@pytest.mark.slow
 def test_an_obstacle_pushes_back():
     """The truth ports agree with each other, with the motors, and with the spring that the obstacle is."""
     workcell, axis, log = pressed_on_a_box(1e4)
@@ -229,6 +232,7 @@ def test_an_obstacle_pushes_back():
     np.testing.assert_allclose(log["motor_torque"][-1], gravity(workcell, q) - log["external_torque"][-1], atol=0.05)
 
 
+@pytest.mark.slow
 def test_arms_touch_only_when_they_may():
     crossed = np.zeros(14)
     crossed[:7], crossed[7:] = [-1.0, 0, 0, 0, 0, 0, 0], [1.0, 0, 0, 0, 0, 0, 0]
@@ -266,6 +270,7 @@ def test_a_wrench_that_is_no_number_is_no_wrench():
     assert not log["external_torque"].any()
 
 
+@pytest.mark.slow
 def test_motors_have_limits_and_come_back_from_them():
     workcell = describe(friction=NO_FRICTION)
     log = run(workcell, 1.0, joint_position_command=lambda t: workcell.motor_start + (0.5 if t < 0.2 else 0.0))
@@ -300,6 +305,7 @@ def test_a_position_that_is_no_number():
     np.testing.assert_array_equal(log["motor_torque"], good["motor_torque"])
 
 
+@pytest.mark.slow
 def test_an_encoder_that_stands_still():
     log, good = faulty("frozen", "left_joint_1")
     assert (log["joint_position"][BAD, 0] == good["joint_position"][49, 0]).all()
@@ -309,6 +315,7 @@ def test_an_encoder_that_stands_still():
     np.testing.assert_allclose(log["joint_velocity"][-1], good["joint_velocity"][-1], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_samples_that_are_lost():
     log, good = faulty("lost")
     for name in ("joint_position", "joint_velocity", "motor_torque"):

@@ -160,6 +160,7 @@ def test_every_signal_is_logged_with_its_unit_and_its_components():
     assert loop.signals["residual"].labels[7] == "right_joint_1"
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits():
     logs = []
     for seed in (1, 1, 2):

@@ -41,6 +41,7 @@ def swing(**options) -> tuple[float, float]:
     return float(parts[2].std()), float(parts[5].std())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", CASES.values(), ids=CASES)
 def test_a_delay_below_the_margin_leaves_it_stable_and_one_beyond_it_does_not(law):
     margin = margins_of(**scenario(law)).delay

@@ -95,6 +95,7 @@ def test_fidelities_agree_on_an_uneven_surface(case: dict[str, Any]) -> None:
     assert_all_agree(**case)
 
 
+@pytest.mark.slow
 @every_fidelity
 def test_the_force_is_that_of_the_spring_between_tool_and_surface(fidelity: str) -> None:
     """F = (h - dx)/C_T tick by tick, with the height that the station shows."""
@@ -151,6 +152,7 @@ def multibody_workcell(**surface: Any) -> Workcell:
     )
 
 
+@pytest.mark.slow
 def test_truth_of_a_moving_plate_is_the_force_of_the_contact_without_the_plates_inertia() -> None:
     """Against Drake's contact results, on a steep groove at 20 mm/s that accelerates the plate of 1.6 kg."""
     workcell = multibody_workcell(heights={"grooves": GrooveConfig(positions=[0.006], width=2e-3, depth=5e-5)})
@@ -274,6 +276,7 @@ def test_a_profile_beside_the_scenario_is_found_from_anywhere(tmp_path: Path, mo
     )
 
 
+@pytest.mark.slow
 def test_the_replay_moves_the_plate(tmp_path: Path) -> None:
     sizes = []
     for slope in (0.0, 0.05):
@@ -301,6 +304,7 @@ def test_ten_times_faster(fidelity: str) -> None:
     assert values["recovery_time_2pct_s"] is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["AdaptiveInvariance", "PredictiveInvariance"])
 def test_a_path_far_from_the_start_of_one_dimension_is_no_slope(law: str) -> None:
     """Joints that lead the tool straight ahead have a part along the linearised normal, which nothing moves along."""

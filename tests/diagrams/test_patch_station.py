@@ -54,6 +54,7 @@ def test_wrench_is_that_of_the_points_where_the_tool_is(tilt, keys):
     np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_by_pressure_the_face_feels_a_slab_of_the_same_stiffness():
     found, expected = pressed(0.4, 2e-3, stiffness=2e4, points=6, contact="pressure")
     assert np.linalg.norm(expected[3:]) > 15.0

@@ -55,6 +55,7 @@ def smooth(forces: np.ndarray) -> np.ndarray:
     return np.column_stack([np.convolve(row, np.full(20, 0.05), "valid") for row in forces.T])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time_step", [0.001, 0.002])
 def test_a_plunger_that_is_released_stays_in_the_bore(time_step):
     """It lies on the wall, level, and the hand feels nothing of it."""

@@ -62,12 +62,14 @@ def test_two_laws_press_with_two_arms_on_two_surfaces():
     assert {"table.steady_state_error_N", "wall.steady_state_error_N"} <= set(result.metrics["default"])
 
 
+@pytest.mark.slow
 def test_one_law_presses_with_both():
     controller = parse("!Integral {integral_gain: 4.0}", "own.yaml")
     log = fc.run(scenario(controller=controller, duration=0.8)).log
     np.testing.assert_allclose(log["measured_force"].values[-1], 10.0, atol=1.0)
 
 
+@pytest.mark.slow
 def test_a_hand_does_not_touch_the_plate_that_its_ball_presses_on():
     """Links that may touch each other go through the surfaces; the fingers reach beyond the TCPs here."""
     changes = [{"station.self_collision": own, "duration": 0.1} for own in (True, False)]
@@ -117,6 +119,7 @@ def exact(signal: str):
     return {"estimated_wrench": parse(f"!Exact {{of: {signal}}}", "f"), "measured_force": parse("!Projection {}", "f")}
 
 
+@pytest.mark.slow
 def test_a_truth_is_chosen_where_the_scenario_says_that_it_is_one():
     log = fc.run(scenario(signals=exact("tip_wrench"), duration=0.4)).log
     np.testing.assert_array_equal(log["estimated_wrench"], log["tip_wrench"])

@@ -148,6 +148,7 @@ def test_station_is_deterministic_and_its_noise_follows_the_seed(fidelity: str) 
     np.testing.assert_array_equal(first["contact_force"], other["contact_force"])
 
 
+@pytest.mark.slow
 @every_fidelity
 @pytest.mark.parametrize("controller", CONTROLLERS, ids=lambda c: type(c).__name__)
 def test_closed_loop_repeats_bit_by_bit_also_from_a_reset_and_a_cloned_context(

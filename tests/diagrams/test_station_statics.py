@@ -112,6 +112,7 @@ def test_compliance_is_the_same_behind_real_drives(
     assert last(log, "contact_force") == pytest.approx(15.0, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic"])
 def test_light_stations_have_the_same_compliance(fidelity: str) -> None:
     for normal in NORMALS:
@@ -122,6 +123,7 @@ def test_light_stations_have_the_same_compliance(fidelity: str) -> None:
         assert found == pytest.approx(compliance_of(workcell), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_stiffer_joints_make_a_stiffer_robot() -> None:
     workcells = [
         describe(
@@ -168,6 +170,7 @@ def turning_retreat(workcell: Workcell, t: float) -> np.ndarray:
     return away + np.radians([0.0, 0.0, 0.0, 6.0, -5.0, 10.0]) * s * s * (3 - 2 * s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("posture", "tare"), [(POSTURES[0], True), (POSTURES[0], False), (POSTURES[1], True), (POSTURES[2], False)]
 )
@@ -261,6 +264,7 @@ def test_known_load_on_the_tool_is_measured_in_any_orientation_of_the_sensor(pos
     np.testing.assert_allclose(torque, 0.0, atol=0.01 * size * 0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("posture", "normal"), [(q, NORMALS[1 + i % 2]) for i, q in enumerate(POSTURES)])
 def test_contact_force_is_hookes_law_and_is_what_the_wrist_measures(
     posture: tuple[float, ...], normal: tuple[float, ...]
@@ -280,6 +284,7 @@ def test_contact_force_is_hookes_law_and_is_what_the_wrist_measures(
     np.testing.assert_allclose(torque, 0.0, atol=0.01 * hooke * 0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic"])
 def test_wrench_of_the_light_stations_is_that_of_the_force_at_the_tcp(fidelity: str) -> None:
     for posture, normal in zip(POSTURES, (*NORMALS, *NORMALS[1:]), strict=True):
@@ -304,6 +309,7 @@ def test_wrench_of_the_light_stations_is_that_of_the_force_at_the_tcp(fidelity: 
         assert last(log, "measured_force") == pytest.approx(last(log, "contact_force"), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_tare_takes_out_a_bias_and_without_it_the_bias_stays() -> None:
     for tare, expected in ((True, 0.0), (False, 3.0)):
         sensor = quiet_sensor(bias=3.0, tare=tare)

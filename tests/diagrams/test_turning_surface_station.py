@@ -24,6 +24,7 @@ def curved(hollow: bool, **keys: object) -> EnvironmentConfig:
     return EnvironmentConfig(stiffness=2e4, surface=SurfaceConfig(turning=True, length=0.12, heights=heights), **keys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hollow", "along"), [(False, 0.07), (True, -0.06)], ids=["hill", "trough"])
 def test_force_and_direction_are_those_of_the_circle(hollow, along):
     truth = ContactTruthConfig(on=["tool"])

@@ -30,6 +30,7 @@ def largest(text: str, **overrides: Any) -> str:
     return "any" if chain.is_stable(1e7) else f"{chain.largest_stiffness(1e7):.0f}"
 
 
+@pytest.mark.slow
 def test_the_scenario_is_the_integral_law_of_the_text():
     """!Integral with K_I = 1/(C_T D) makes the same force, but for what that rises in H/D."""
     gain = 1 / ((3.2e-5 + 1 / 5.9e3) * 4000.0)
@@ -42,6 +43,7 @@ def test_the_scenario_is_the_integral_law_of_the_text():
     np.testing.assert_allclose(ours, theirs, atol=15.0 * gain * 40.0 / 4000.0)
 
 
+@pytest.mark.slow
 def test_the_tables_of_the_largest_stiffness():
     comau = rows("| D [N s/m] | largest K [N/m] | by (6.7) alone |")
     assert len(comau) == 4

@@ -83,6 +83,7 @@ def contact_force(diagram: Diagram, simulator: Simulator) -> np.ndarray:
     return results.hydroelastic_contact_info(0).F_Ac_W().translational()
 
 
+@pytest.mark.slow
 def test_the_observer_shows_the_contact_force_its_lag_later(modules):
     diagram = modules("my_feeling").build()
     simulator = Simulator(diagram)

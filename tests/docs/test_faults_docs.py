@@ -26,6 +26,7 @@ def test_every_fault_is_explained_and_run_or_left_out():
         assert (fault.name in told()) != (f"- Integral: {fault.name}: " in PAGE)
 
 
+@pytest.mark.slow
 def test_the_table_is_what_the_command_of_the_page_makes():
     command = re.search(r"^    forcectl faults (.*)$", PAGE, re.MULTILINE)
     assert command is not None

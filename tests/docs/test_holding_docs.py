@@ -4,6 +4,7 @@ import re
 import sys
 
 import numpy as np
+import pytest
 
 import forcectl as fc
 from forcectl.framework.yaml_tree import parse
@@ -14,6 +15,7 @@ SCENARIO, LETTING_GO = blocks(PAGE, "yaml")
 (CODE,) = blocks(PAGE, "python")
 
 
+@pytest.mark.slow
 def test_a_plunger_in_one_hand_and_a_tube_in_the_other_that_lets_go():
     log = fc.run(parse(SCENARIO, "holding.yaml")).log
     assert log["part_position"].attrs["units"] == "m"
@@ -30,6 +32,7 @@ def test_a_plunger_in_one_hand_and_a_tube_in_the_other_that_lets_go():
     assert not log["tip_wrench"].values.any()
 
 
+@pytest.mark.slow
 def test_the_contact_without_meshes_is_built_from_its_line():
     """Beside parts that do not touch it changes nothing."""
     (seat,) = re.findall(r"`(seat: !PegInBore {.*?})`", PAGE)

@@ -14,6 +14,7 @@ PAGE = page_text("joint_interface.md")
 WATCHED, SENSORLESS, USABLE = blocks(PAGE, "yaml")
 
 
+@pytest.mark.slow
 def test_the_loads_of_the_first_example_are_estimated():
     log = fc.run(parse(WATCHED, "watched.yaml")).log
     held = log.sel(time=slice(0.25, 0.38), wrench_component="left_force_z")
@@ -29,6 +30,7 @@ def test_the_second_example_presses_without_a_sensor():
     assert abs(float(log["contact_force"][-1]) - 10.0) < 2.5
 
 
+@pytest.mark.slow
 def test_the_third_example_has_errors_and_what_they_rest_on():
     (found,) = fc.run(parse(USABLE, "usable.yaml"), overrides={"analyses.errors.begin": 0.3}).metrics.values()
     assert found["force_error_z_95_N"] < 2.0  # while both arms begin to move

@@ -9,6 +9,8 @@ from forcectl.runs.robots.report import examine_robot
 from tests.examples.pages import blocks, page_text
 from tests.examples.public_robots import write_public_robot
 
+pytestmark = pytest.mark.slow
+
 PAGE = page_text("from_a_public_urdf.md")
 (PARAMETERS,) = blocks(PAGE, "text")
 PRESS, REACH = blocks(PAGE, "yaml")
@@ -36,13 +38,11 @@ def test_what_is_pasted_is_what_is_proposed_but_for_what_was_checked(arm):
             assert proposed[key] == pasted[key]
 
 
-@pytest.mark.slow
 def test_it_presses():
     log = fc.run(parse(PRESS, "press.yaml")).log
     assert abs(float(log["contact_force"][-200:].mean()) - 10.0) < 1.0
 
 
-@pytest.mark.slow
 def test_it_reaches():
     metrics = fc.run(parse(REACH, "reach.yaml")).metrics["default"]
     assert metrics["reach_offset_mm"] < 2.0

@@ -52,6 +52,7 @@ def test_every_part_of_the_page_runs_from_yaml(folder):
     assert result.diagram.GetSubsystemByName("station").HasSubsystemNamed("lagging")
 
 
+@pytest.mark.slow
 def test_objects_and_import_paths_give_the_same_run(folder):
     parts = importlib.import_module("my_parts")
     objects = {
@@ -84,6 +85,7 @@ def test_a_surface_of_ones_own_is_pressed_on_in_every_fidelity(folder, fidelity)
     assert float(log["contact_force"][-1]) == pytest.approx(8.0, abs=0.4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
 def test_every_fidelity_raises_the_surface_to_heights_of_ones_own(folder, fidelity):
     log = fc.run("my_bump.yaml", fidelity=fidelity).log
@@ -148,6 +150,7 @@ def test_a_potential_of_ones_own_leads_the_joints_that_the_tasks_leave_free(fold
     np.testing.assert_allclose(ours["task_position"].values[-1], theirs["task_position"].values[-1], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_motion_and_a_signal_of_ones_own(folder):
     parts = importlib.import_module("my_parts")
     scenario = {

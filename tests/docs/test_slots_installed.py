@@ -177,6 +177,7 @@ def announce(folder: Path, name: str, entry_points: str) -> None:
     (info / "entry_points.txt").write_text(entry_points)
 
 
+@pytest.mark.slow
 def test_they_are_listed_and_missed_by_name(site: Path, tmp_path: Path) -> None:
     listed = command(site, tmp_path, "list").stdout
     assert [tag for tags in ANNOUNCED.values() for tag in tags if tag not in listed] == []
@@ -187,6 +188,7 @@ def test_they_are_listed_and_missed_by_name(site: Path, tmp_path: Path) -> None:
     assert len(missed.stderr.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_package_that_announces_what_does_not_fit_is_told_in_one_line(site: Path, tmp_path: Path) -> None:
     """A tag that leads to a class of another slot, and one that leads nowhere."""
     announce(
@@ -212,6 +214,7 @@ def test_a_package_that_announces_what_does_not_fit_is_told_in_one_line(site: Pa
         assert len(done.stderr.strip().splitlines()) == 1, done.stderr
 
 
+@pytest.mark.slow
 def test_what_a_package_announces_in_vain_is_told_and_the_rest_is_used(site: Path, tmp_path: Path) -> None:
     announce(
         tmp_path,
@@ -238,6 +241,7 @@ def test_what_a_package_announces_in_vain_is_told_and_the_rest_is_used(site: Pat
     assert "controller !Nowhere" not in shown
 
 
+@pytest.mark.slow
 def test_a_tag_that_two_packages_announce_is_none(site: Path, tmp_path: Path) -> None:
     announce(tmp_path, "one", "[forcectl.controller]\nTwice = my_parts:Creep\nSame = my_parts:Creep\n")
     announce(tmp_path, "two", "[forcectl.controller]\nTwice = my_parts:Peak\nSame = my_parts:Creep\n")
@@ -250,6 +254,7 @@ def test_a_tag_that_two_packages_announce_is_none(site: Path, tmp_path: Path) ->
     assert "unknown tag '!Twice'" in command(site, tmp_path, "check", "workcell.yaml").stderr
 
 
+@pytest.mark.slow
 def test_the_page_and_the_list_name_the_groups(site: Path, tmp_path: Path) -> None:
     words = " ".join(command(site, tmp_path, "list").stdout.split())
     assert words.endswith(f"of the groups {', '.join(f'forcectl.{slot}' for slot in CONTRACTS)}.")

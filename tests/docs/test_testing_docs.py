@@ -29,6 +29,7 @@ def test_the_page_passes(project):
     run(project).assert_outcomes(passed=5)
 
 
+@pytest.mark.slow
 def test_a_foreign_diagram_has_golden_logs_faults_and_perturbations_in_thirty_lines(project):
     assert len(PENDULUM.splitlines()) <= 30
     file = project.makepyfile(test_pendulum=PENDULUM)

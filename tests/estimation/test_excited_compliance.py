@@ -34,6 +34,7 @@ def estimate(estimator: ExcitedCompliance, force: Vector, x: Vector, desired: Ve
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compliance", [2e-6, 2e-5])
 def test_it_finds_the_compliance_whatever_height_the_surface_has(compliance: float) -> None:
     """The surface rises by 3 um/s, 36 um in all: as much as the indentation on the stiffest."""

@@ -212,6 +212,7 @@ def test_a_tare_is_forgotten_also_in_a_tick_without_readings():
     np.testing.assert_array_equal(with_tare["wrench"][late], without["wrench"][late])
 
 
+@pytest.mark.slow
 def test_a_window_of_the_past_is_tared_but_not_a_contact_that_begins_slowly():
     """1 N is there for 4 s, then 1 N/s more; of it the window of 0.5 to 1.5 s ago takes nothing."""
 

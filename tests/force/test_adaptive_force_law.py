@@ -36,6 +36,7 @@ def force(config, duration: float, size: int = 1, **loop) -> np.ndarray:
     return built.sink.FindLog(simulator.get_context()).data()[rows]
 
 
+@pytest.mark.slow
 @every_law
 @pytest.mark.parametrize("error", [0.6, 1.3])
 def test_a_wrong_start_leaves_no_steady_error(config, error):
@@ -43,6 +44,7 @@ def test_a_wrong_start_leaves_no_steady_error(config, error):
     assert np.mean(measured[-500:]) == pytest.approx(15.0, abs=0.1)
 
 
+@pytest.mark.slow
 @every_law
 def test_a_second_step_without_a_new_start_is_not_overshot(config):
     measured = force(config, 5.0, reference=SequenceConfig(times=[0.0, 3.0], forces=[15.0, 25.0]))[0]
@@ -69,6 +71,7 @@ def test_a_law_that_has_its_compliance_already_is_refused(law):
         adaptive(law)
 
 
+@pytest.mark.slow
 def test_the_set_point_follows_the_estimate():
     """On a spring twice as soft as believed the command goes on to where the force is right."""
     law = adaptive(InvarianceForceLaw(1, gamma=-0.1))

@@ -59,6 +59,7 @@ def run(duration: float = 6.0, **changed: float) -> Log:
     return run_diagram(loop(**changed), duration, period=PERIOD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [0.5, 0.8, 1.5])
 @pytest.mark.parametrize("delay", [0.0, 0.02])
 def test_converges_to_the_true_compliance(error, delay):

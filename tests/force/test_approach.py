@@ -107,6 +107,7 @@ def test_a_short_loss_is_the_laws_to_mend():
     assert way(log) == [APPROACH, TOUCH, CONTACT]
 
 
+@pytest.mark.slow
 def test_a_desired_force_of_zero_leaves_the_surface_and_comes_back():
     log = on_a_wall(0.01, step_back=0.005, desired=lambda t: 0.0 if 2.0 < t < 3.0 else 15.0, ticks=3000)
     assert way(log) == [APPROACH, TOUCH, CONTACT, LEAVE, APPROACH, TOUCH, CONTACT]
@@ -201,6 +202,7 @@ def station(stiffness: float, speed: float, law: Tagged, **overrides: object) ->
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stiffness", "speed"), [(1e4, 0.05), (1e5, 0.005)])
 def test_the_integral_law_takes_over_without_a_jump_and_keeps_the_contact(stiffness, speed):
     log = fc.run(station(stiffness, speed, Tagged({}, "Integral"))).log

@@ -14,6 +14,8 @@ from forcectl.framework.yaml_tree import Tagged
 from forcectl.testing import run_diagram
 from tests.examples.robot_controller_runs import robot_plant_model
 
+pytestmark = pytest.mark.slow
+
 APPROACH, TOUCH, CONTACT, LEAVE, GAVE_UP = map(float, ApproachMode)
 INVARIANCE = Tagged({"gamma": -0.1}, "InvarianceRobot")
 CORRECTED = Tagged({"nominal_gain": 3.0}, "InvarianceRobot")
@@ -66,7 +68,6 @@ def assert_contact(result: Any) -> None:
     assert metrics(result)["touch_s"] > 0.0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fidelity", "law", "stiffness", "speed"),
     [
@@ -83,7 +84,6 @@ def test_from_the_first_touch_to_the_reference(fidelity: str, law: Tagged, stiff
     assert float(result.log["contact_force"][-1]) == pytest.approx(15.0, rel=0.05)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.005, 0.05])
 @pytest.mark.parametrize(("law", "scalar"), [(INVARIANCE, "Invariance"), (CORRECTED, "InvarianceControl")])
 def test_behind_the_move_it_is_the_scalar_law(law: Tagged, scalar: str, speed: float) -> None:
@@ -113,7 +113,6 @@ def test_the_surface_is_touched_and_pressed_on() -> None:
     assert 10.0 < float(result.log["contact_force"][-1]) < 18.0
 
 
-@pytest.mark.slow
 def test_a_surface_that_goes_away_is_found_again() -> None:
     surface = {"gap": 0.002, "moves": [{"start": 1.5, "distance": -0.006, "duration": 0.05}]}
     result = fc.run(scenario("OneDimensional", CORRECTED, 1e4, surface=surface, touch_speed=0.01, duration=5.0))
@@ -123,7 +122,6 @@ def test_a_surface_that_goes_away_is_found_again() -> None:
     assert force[-1] == pytest.approx(15.0, abs=2.0)
 
 
-@pytest.mark.slow
 def test_a_desired_force_of_zero_leaves_the_surface_and_another_one_comes_back() -> None:
     reference = Tagged({"times": [0.0, 1.5, 2.5], "forces": [15.0, 0.0, 10.0]}, "Sequence")
     result = fc.run(
@@ -162,7 +160,6 @@ def test_a_wall_in_front_of_the_surface_ends_the_move() -> None:
     assert metrics(result)["constraint_violations"] == 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fidelity", "stiffness", "speed"), [("OneDimensional", 1e5, 0.030), ("Multibody", 1e4, 0.106)]
 )
@@ -175,7 +172,6 @@ def test_the_guard_keeps_its_largest_force_at_the_first_touch(fidelity: str, sti
         fc.build(faster)
 
 
-@pytest.mark.slow
 def test_a_largest_force_of_the_law_is_kept_after_the_hand_over() -> None:
     law = Tagged({"maximum_force": 12.0, "gamma": -1.0}, "InvarianceRobot")
     result = fc.run(scenario("OneDimensional", law, speed=0.05, duration=3.0))

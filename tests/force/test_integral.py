@@ -128,6 +128,7 @@ def test_the_command_is_held_between_ticks(parts):
     np.testing.assert_allclose(command, expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [0.002, 0.001, 0.0007, 1 / 3000, 0.004, 0.1, 1 / 7])
 def test_every_tick_acts_once(period):
     """Round-off in the time neither swallows nor doubles a tick, in long runs and with odd periods."""

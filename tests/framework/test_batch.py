@@ -251,6 +251,7 @@ def loop(n: int, p: Values) -> Diagram:
     return builder.Build()
 
 
+@pytest.mark.slow
 def test_a_whole_loop_of_8_batch_elements_equals_8_runs():
     n, duration = 8, 1.2
     values: dict[str, Any] = {

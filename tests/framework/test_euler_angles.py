@@ -113,6 +113,7 @@ def test_damping_begins_without_a_jump():
         np.testing.assert_allclose(one, inverse_rate_matrix([0.3, theta, 0.0]), rtol=1e-6)
 
 
+@pytest.mark.slow
 @given(angles=anywhere, rates=speeds)
 def test_angles_along_a_motion_are_continuous(angles, rates):
     """Whole turns, and straight through the singularity."""

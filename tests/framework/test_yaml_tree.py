@@ -59,11 +59,13 @@ def test_a_tag_may_stand_alone_or_before_a_mapping():
     assert (tree["a"].tag, tree["b"].tag, tree["b"]) == ("Integral", "Step", {})
 
 
+@pytest.mark.slow
 @given(mappings)
 def test_dump_and_parse_are_inverse(tree):
     assert same(parse(dump(tree), "f"), tree)
 
 
+@pytest.mark.slow
 @example(Tagged({"a": []}), Tagged({"a": None}))
 @example(Tagged({"a": Tagged({"a": None})}), Tagged({"a": Tagged()}))
 @example(Tagged({"a": Tagged({}, "A")}), Tagged({"a": Tagged({})}))

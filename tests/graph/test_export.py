@@ -79,6 +79,7 @@ def test_a_bitmap_has_two_pixels_per_pixel_of_the_svg():
     assert struct.unpack(">II", shown.render("png")[16:24]) == pytest.approx([2 * side for side in size], abs=2)
 
 
+@pytest.mark.slow
 def test_text_formats_do_not_wait_for_matplotlib():
     script = (
         "import sys; from tests.examples.graph_diagrams import force_loop; from forcectl.graph.export import graph\n"
@@ -97,6 +98,7 @@ def test_formats_by_file_name():
         format_of("a.jpg")
 
 
+@pytest.mark.slow
 def test_a_diagram_of_a_hundred_blocks_shows_them_all():
     text = graph(random_diagram(100, 3), depth=1).render("svg")
     assert text.count("data-path=") == 101

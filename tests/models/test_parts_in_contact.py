@@ -15,6 +15,7 @@ from forcectl.plant import ContactWrench
 from tests.examples.insertion import insert, misalignments
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clearance", CLEARANCES)
 def test_a_misaligned_plunger_is_led_into_the_bore(clearance):
     """The deeper it is the less it can tilt: by two clearances over what is engaged, and what the contact gives way."""

@@ -16,6 +16,7 @@ from forcectl.testing import run_diagram
 lengths = st.floats(-5e-3, 5e-3)
 
 
+@pytest.mark.slow
 @given(st.lists(lengths, min_size=2, max_size=6), st.floats(1e-3, 0.1), st.floats(1e-2, 1.0), st.floats(0.0, 2.0))
 @settings(max_examples=60, deadline=None)
 def test_moves_end_at_rest_where_they_should_within_speed_and_acceleration(positions, speed, acceleration, rest):

@@ -65,6 +65,7 @@ def test_the_line_is_as_long_as_ticks_make_the_path() -> None:
     np.testing.assert_allclose(np.array(tips) - tips[0], path - path[0], atol=2e-5)
 
 
+@pytest.mark.slow
 def test_it_is_a_motion_of_a_scenario() -> None:
     motion = {"motion": SurfaceVelocityConfig(**SHAPE, direction=[0.0, 1.0, 0.0])}
     log = fc.run({"duration": 2.2, "station": {"fidelity": "Kinematic"}} | motion).log

@@ -60,6 +60,7 @@ def alone(start: Motion, target: Target, limits: Limits, synchronization: Synchr
     return trajectory
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(seed=seeds, synchronized=st.booleans(), every=st.sampled_from([1, 2, 7, 40]))
 def test_limits_hold_whatever_the_targets(seed, synchronized, every):
@@ -105,6 +106,7 @@ def test_a_target_is_reached_in_the_time_that_ruckig_says(seed, synchronized):
     np.testing.assert_allclose(state.acceleration, 0.0, atol=1e-8)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(seed=seeds, synchronized=st.booleans())
 def test_targets_that_differ_by_rounding_do_not_make_it_later(seed, synchronized):
@@ -127,6 +129,7 @@ def test_motions_from_rest_are_straight_when_synchronized():
         np.testing.assert_allclose(np.cross(plan.at(share * plan.duration).position, goal), 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(seed=seeds)
 def test_from_outside_the_limits_it_returns_and_stays_within(seed):
@@ -327,6 +330,7 @@ def test_targets_that_are_changed_in_place_are_noticed():
         limits.velocity[0] = 2.0
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(seed=seeds, size=st.sampled_from([57.29577951308232, 1e3, 1e5]))
 def test_large_units_are_as_good_as_small_ones(seed, size):
@@ -356,6 +360,7 @@ simulator.set_monitor(lambda context: planner)  # in a circle through Drake: nev
 """
 
 
+@pytest.mark.slow
 def test_nothing_is_said_of_a_planner_that_outlives_python():
     ended = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
     assert ended.stderr == ""

@@ -71,6 +71,7 @@ def test_what_cannot_be_read_is_seen(text, complaint):
     assert complaint in complaints(text)[0]
 
 
+@pytest.mark.slow
 def test_napoleon_reads_every_docstring_without_a_warning():
     assert len(library()) > 1000
     marked = [one for one in library() if not PLAIN.fullmatch(one.text)]
@@ -187,6 +188,7 @@ def test_clear_sections_are_let_pass():
     assert list(unclear(read(f'def f(a, b, *rest):\n    """F.\n\n    Args:\n        {docs}\n    """'))) == []
 
 
+@pytest.mark.slow
 def test_every_argument_has_a_line_of_its_own_and_a_name_that_exists():
     assert [complaint for one in library() for complaint in unclear(one)] == []
     assert sum(bool(list(sections(one.text, "Args"))) for one in library()) > 200

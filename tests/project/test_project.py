@@ -65,6 +65,7 @@ def test_the_searches_below_see_the_files():
     assert len(LIBRARY) > 20
 
 
+@pytest.mark.slow
 def test_no_package_registry_is_named():
     hosts = ["py" + "pi.org", "python" + "hosted", "ana" + "conda.org", "npm" + "js", "jsd" + "elivr", "un" + "pkg"]
     assert matches("|".join(map(re.escape, hosts))) == []
@@ -114,6 +115,7 @@ def test_rooms_are_small():
     assert {room: n for room, n in rooms.items() if n > FILES_PER_ROOM} == {}
 
 
+@pytest.mark.slow
 def test_every_class_of_the_library_has_a_name_of_its_own():
     names = Counter()
     for _, tree in parsed(sources("forcectl", "diagrams", "models")):
@@ -127,6 +129,7 @@ def test_blocks_and_diagrams_derive_from_the_bases_that_are_freed():
     assert library == ["forcectl/testing/memory.py"], "PythonBlock or PythonDiagram; memory.py measures Drake's own"
 
 
+@pytest.mark.slow
 def test_imports_are_explicit():
     bad = []
     for path, tree in parsed(sources(*TOP_LEVEL)):
@@ -161,6 +164,7 @@ def decorators(node: ast.ClassDef | ast.FunctionDef) -> set[str]:
     return {ast.unparse(each).split(".")[-1] for each in node.decorator_list}
 
 
+@pytest.mark.slow
 def test_public_things_have_docstrings():
     bare = [f"{path}: {name}" for path, tree in parsed(LIBRARY) for name in undocumented(tree)]
     assert bare == []
@@ -183,11 +187,13 @@ def unreasoned(tree: ast.Module) -> Iterator[int]:
             yield node.lineno
 
 
+@pytest.mark.slow
 def test_every_skip_gives_its_reason():
     assert list(unreasoned(ast.parse("@pytest.mark.skip\ndef test(): pytest.skip('')"))) == [1, 2]
     assert [f"{path}:{line}" for path, tree in parsed(sources("tests")) for line in unreasoned(tree)] == []
 
 
+@pytest.mark.slow
 def test_no_check_that_cannot_fail():
     always = [
         f"{path}:{node.lineno}"
@@ -261,6 +267,7 @@ def asked_by_name(tree: ast.Module) -> Iterator[str]:
         yield from (f"{node.lineno}: {name}" for name in sorted(found))
 
 
+@pytest.mark.slow
 def test_nothing_asks_for_a_robot_a_fidelity_or_the_filler_of_a_slot_by_name():
     """What differs between fillers is said by their methods and attributes, so that one's own can say it, too."""
     assert [f"{path}:{where}" for path, tree in parsed(LIBRARY) for where in asked_by_name(tree)] == []

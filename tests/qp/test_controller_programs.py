@@ -48,6 +48,7 @@ def advanced(name: str, t: float, **changes: Any) -> tuple[Any, Any, Any]:
 # --- what it commands -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @every_case
 def test_another_solver_gives_the_same_command(case: Case) -> None:
     block, bound, looked = case.block("daqp"), 0, 0
@@ -127,6 +128,7 @@ def drakes_daqp() -> Solver:
     return drake_daqp()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("path", ["the one in use", "Drake's DAQP"])
 def test_the_paths_of_daqp_give_the_same_closed_loop(name: str, path: str) -> None:
@@ -137,6 +139,7 @@ def test_the_paths_of_daqp_give_the_same_closed_loop(name: str, path: str) -> No
     np.testing.assert_array_equal(found, statuses)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_an_interior_point_solver_gives_the_closed_loop_to_its_accuracy(name: str) -> None:
     """It is good to 1e-6 in u [rad/s^2 or N]: in a second that adds up to half of it in a position [rad]."""

@@ -89,6 +89,7 @@ def random_tree(rng: np.random.Generator, size: int, turned_round: bool) -> tupl
     return plant, [joints[i] for i in rng.permutation(size)]
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 9), st.booleans())
 def test_random_trees_with_joints_in_any_order(seed: int, size: int, turned_round: bool) -> None:

@@ -31,6 +31,7 @@ def given(kind, tmp_path):
     return {"name": "fig_2_7", "path": path, "text": str(path), "mapping": TREE}[kind]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: getattr(entry, "__name__", "graph"))
 def test_every_entry_point_takes_all_four_with_the_same_keywords(entry, tmp_path, warm):
     shown = {kind: entry(given(kind, tmp_path), **CHANGES) for kind in ("name", "path", "text", "mapping")}
@@ -46,6 +47,7 @@ def test_every_entry_point_takes_all_four_with_the_same_keywords(entry, tmp_path
             entry("fig_2_7", **CHANGES | wrong)
 
 
+@pytest.mark.slow
 def test_a_picture_is_called_what_the_scenario_is_called(tmp_path):
     light = {"fidelity": "OneDimensional"}
     assert fc.graph("fig_2_7", **light).heading == "Step response of the integral force controller for three gains"
@@ -78,6 +80,7 @@ def result():
     return fc.run(TREE, overrides={"duration": 0.2}, fidelity="OneDimensional")
 
 
+@pytest.mark.slow
 def test_a_result_is_one_line_and_tables_in_a_notebook(result):
     assert repr(result) == "<run of 'scenario': 2 variants, 101 samples to 0.2 s, 1 of 1 expectations met, 2 findings>"
     page = result._repr_html_()
@@ -85,6 +88,7 @@ def test_a_result_is_one_line_and_tables_in_a_notebook(result):
         assert part in page
 
 
+@pytest.mark.slow
 def test_a_result_in_a_notebook_says_its_findings_and_shows_its_figure(result):
     page = result._repr_html_()
     lines = findings_lines(result.findings)

@@ -43,6 +43,7 @@ def test_a_loop_with_further_outputs_runs_by_itself():
     assert batch_size(named) == 0
 
 
+@pytest.mark.slow
 def test_the_file_says_what_it_is_and_is_the_same_for_the_same_run(tmp_path, without_pictures):
     for name in ("one", "two"):
         fc.run(LOOP | {"seed": 7}, out=tmp_path / name)

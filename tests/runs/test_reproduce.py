@@ -123,6 +123,7 @@ def test_results_are_there_once_an_experiment_has_run_and_one_that_cannot_be_dra
         assert (files / "here" / folder / "log.nc").exists()
 
 
+@pytest.mark.slow
 def test_check_turns_a_missed_target_into_exit_code_1(files, warm, monkeypatch, capfd):
     arguments = ["quick.yaml", "--check", "--fidelity", "OneDimensional", "--workers", "1"]
     assert call_here(monkeypatch, capfd, "reproduce", *arguments)[0] == 1
@@ -158,6 +159,7 @@ def test_a_value_away_from_the_expected_one_is_drift_and_turns_check_into_exit_c
     )
 
 
+@pytest.mark.slow
 def test_a_known_gap_is_shown_as_missed_with_its_reason_and_fails_no_check(files, warm, monkeypatch, capfd):
     gap = QUICK.replace(
         "tolerance: {relative: 0.01}}", "tolerance: {relative: 0.01}, gaps: {OneDimensional: it sticks}}"
@@ -174,6 +176,7 @@ def test_a_known_gap_is_shown_as_missed_with_its_reason_and_fails_no_check(files
     assert (row["pass"], row["gap"]) == (False, "it sticks")
 
 
+@pytest.mark.slow
 def test_a_known_gap_that_is_met_is_out_of_date_and_fails_a_check(files, warm, monkeypatch, capfd):
     gap = "maximum: 50.0, fidelities: [Kinematic], gaps: {Kinematic: it sticks}}"
     kept = QUICK.replace("maximum: 50.0, fidelities: [Kinematic]}", gap).replace("relative: 0.01", "relative: 2.0")
@@ -191,6 +194,7 @@ def test_a_known_gap_that_is_met_is_out_of_date_and_fails_a_check(files, warm, m
     assert (code, "out of date" in output.out) == (0, False)
 
 
+@pytest.mark.slow
 def test_results_equal_those_of_a_run_in_this_process(files, warm):
     report = fc.reproduce(["quick.yaml"], fidelity="OneDimensional", workers=2)
     here = fc.run("quick.yaml", fidelity="OneDimensional").metrics
@@ -297,6 +301,7 @@ def test_a_fidelity_that_variants_set_themselves_is_not_overridden(files):
         fc.reproduce(["cells.yaml"], fidelity="OneDimensional")
 
 
+@pytest.mark.slow
 def test_an_interrupted_reproduction_goes_on_where_it_stopped(files, warm, without_pictures, monkeypatch):
     """What has finished is not run again: one experiment whole, and one variant of the other."""
     (files / "loop.yaml").write_text("duration: 0.2\nvariants: {one: {}, two: {seed: 2}, three: {seed: 3}}\n")

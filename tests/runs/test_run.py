@@ -94,6 +94,7 @@ VARIED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("overrides", "key", "setters"),
     [
@@ -123,11 +124,13 @@ def test_the_short_forms_of_overrides_are_refused_alike():
         fc.run(cells, fidelity="Kinematic")
 
 
+@pytest.mark.slow
 def test_keys_beside_those_of_the_variants_are_overridden_for_all():
     changes = {"station.environment.damping": 10.0, "duration": 0.1}
     assert set(fc.run(VARIED, overrides=changes).metrics) == set(VARIED["variants"])
 
 
+@pytest.mark.slow
 def test_metrics_of_the_issue_are_all_there():
     metrics = fc.run("fig_2_8", overrides={"duration": 4.0}, fidelity="OneDimensional").metrics["default"]
     wanted = (
@@ -139,6 +142,7 @@ def test_metrics_of_the_issue_are_all_there():
     assert list(metrics) == list(METRICS)
 
 
+@pytest.mark.slow
 def test_the_run_directory_is_complete_and_runs_again(tmp_path):
     out = tmp_path / "deep" / "run"
     result = fc.run("fig_2_7", overrides=SHORT, seed=5, out=out)
@@ -192,6 +196,7 @@ fc.run('fig_2_8', overrides={'duration': 0.6}, seed=3, out=sys.argv[1])"""
     assert not np.array_equal(here.log["measured_force"], other.log["measured_force"])
 
 
+@pytest.mark.slow
 def test_an_existing_directory_is_refused_and_force_replaces_only_runs(tmp_path, without_pictures):
     fc.run("fig_2_8", overrides=SHORT, out=tmp_path / "run")
     with pytest.raises(BadInputError, match=r"output '.*run' exists: .*--force"):
@@ -219,6 +224,7 @@ def test_bad_input_in_any_variant_leaves_nothing_behind(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["own.yaml"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
@@ -263,6 +269,7 @@ def test_a_solver_that_gives_up_is_a_failed_run(tmp_path, without_pictures):
     assert (tmp_path / "run.failed" / "log.nc").exists()
 
 
+@pytest.mark.slow
 def test_a_reference_model_can_be_given_and_a_second_step_has_its_own_metrics():
     overrides = {
         "reference": SequenceConfig(times=[0.0, 2.0], forces=[10.0, 15.0]),
@@ -299,6 +306,7 @@ def test_forces_are_compared_at_the_ticks_of_the_other_variant(tmp_path):
     assert [verdict.ours for verdict in fc.run(file).verdicts] == [0.0]
 
 
+@pytest.mark.slow
 def test_a_scenario_object_or_mapping_runs_too():
     scenario = fc.load_scenario("fig_2_8", overrides=SHORT)
     a = fc.run(scenario)
@@ -306,6 +314,7 @@ def test_a_scenario_object_or_mapping_runs_too():
     np.testing.assert_array_equal(a.log["measured_force"], b.log["measured_force"])
 
 
+@pytest.mark.slow
 def test_overrides_may_be_config_objects_and_stay_readable_in_the_manifest(tmp_path, without_pictures):
     law = IntegralConfig(integral_gain=2.0, upper_limit=0.05)
     fc.run("fig_2_8", overrides=SHORT | {"controller": law}, out=tmp_path / "run")
@@ -313,6 +322,7 @@ def test_overrides_may_be_config_objects_and_stay_readable_in_the_manifest(tmp_p
     assert (kept["controller"]["_tag"], kept["controller"]["integral_gain"]) == ("!Integral", 2.0)
 
 
+@pytest.mark.slow
 def test_progress_is_reported_per_variant():
     calls = []
     fc.run("fig_2_7", overrides=SHORT, progress=lambda name, share: calls.append((name, share)))

@@ -174,6 +174,7 @@ def test_the_same_log_gives_the_same_files_and_a_readable_picture(tmp_path):
     assert (np.abs(picture[..., :3] - colour).max(axis=-1) < 0.02).sum() > 500
 
 
+@pytest.mark.slow
 def test_names_are_drawn_as_they_are_written(tmp_path):
     assert write_figures(run_figures(log(("costs $5", r"$\frac{1}{$", "_x", "")), r"$\nonsense{$"), tmp_path)
 

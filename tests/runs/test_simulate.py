@@ -44,6 +44,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_gains_are_those_of_the_experiment_on_the_same_station(folder, without_pictures):
     changes = {"station.environment.stiffness": 5.9e3}
     alone = fc.run("find.yaml", overrides=changes, fidelity="OneDimensional").metrics["default"]
@@ -68,6 +69,7 @@ def test_gains_are_those_of_the_experiment_on_the_same_station(folder, without_p
     assert repeated.gains["fast"] == result.gains["fast"]
 
 
+@pytest.mark.slow
 def test_the_gains_for_another_bandwidth_are_those_found_for_it(folder):
     other = {"station.environment.stiffness": 5.9e3, "controller.reference_bandwidth": 4.5}
     asked = fc.run("find.yaml", overrides=other, fidelity="OneDimensional").metrics["default"]
@@ -75,6 +77,7 @@ def test_the_gains_for_another_bandwidth_are_those_found_for_it(folder):
     np.testing.assert_allclose([found.values[name] for name in GAINS], [asked[name] for name in GAINS], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_an_experiment_that_stops_or_finds_nothing_usable_is_said_in_a_line(folder):
     with pytest.raises(RunFailedError, match=r"^gains of controller from .*find\.yaml: .* at t = "):
         fc.run("use.yaml", variant="slow", overrides={"station.drive.servo.position_gain": 1e5})

@@ -89,6 +89,7 @@ def test_the_laws_that_know_of_batches_are_those_tried_here():
     assert {tag for tag, cls in fillers.items() if getattr(cls, "in_batches", False)} == LAWS.keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_an_element_equals_its_single_run(law):
     given = scenarios(Tagged(LAWS[law], law))
@@ -101,6 +102,7 @@ def test_an_element_equals_its_single_run(law):
         assert signal.values.tobytes() == together[1].log[name].values.tobytes(), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", [{}, {"station.environment.damping": 20.0, "station.elastic_joints": False}])
 def test_a_linear_loop_with_delay_equals_its_single_run(contact):
     linear = {
@@ -118,6 +120,7 @@ def test_a_linear_loop_with_delay_equals_its_single_run(contact):
         assert_equal(outcome, simulate(scenario, build(scenario), "default"))
 
 
+@pytest.mark.slow
 def test_an_element_that_diverges_ends_where_its_single_run_does_and_the_others_go_on():
     given = scenarios(Tagged({}, "Integral"), guard=None)
     gains = {"controller.integral_gain": 500.0, "controller.compliance_error": 10.0}
@@ -132,6 +135,7 @@ def test_an_element_that_diverges_ends_where_its_single_run_does_and_the_others_
         assert outcome.log.sizes == single.log.sizes
 
 
+@pytest.mark.slow
 def test_an_element_on_which_its_guard_acts_is_that_of_its_guarded_single_run():
     given = scenarios(Tagged({}, "Integral"))
     given[1] = scenarios(Tagged({}, "Integral"), **dict.fromkeys(("guard.maximum_speed", "guard.slow_speed"), 1e-4))[1]

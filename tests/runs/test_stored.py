@@ -23,6 +23,7 @@ def run(written, tmp_path):
     return shutil.copytree(written, tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_a_run_is_read_as_it_was_written(run):
     stored = read_run(run)
     rows = json.loads((run / "manifest.json").read_text())["expectations"]

@@ -19,7 +19,7 @@ from tests.examples.vrft_records import TS, contact, trapezoidal_moves
 from tests.runs.records.test_recorded import good, write
 from tests.tuning.test_motor_positions import C_R, MOVES, record
 
-pytestmark = pytest.mark.usefixtures("plants_identified_once")
+pytestmark = [pytest.mark.usefixtures("plants_identified_once"), pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,6 @@ def test_help_has_an_example(forcectl):
         assert "forcectl tune vrft record.csv --reference-model 1.5" in " ".join(out.split())
 
 
-@pytest.mark.slow
 def test_log_of_a_run_gives_a_controller_that_runs_as_predicted(forcectl, experiment, tmp_path, request):
     code, out, err = forcectl("tune", "vrft", experiment / "log.nc", "--reference-model", 1.5, "--out", "tuned")
     assert (code, err) == (0, "")
@@ -185,7 +184,6 @@ def test_a_second_record_of_another_experiment_is_refused(tmp_path, column):
         tune_vrft(write(tmp_path, columns), 1.5, second=other)
 
 
-@pytest.mark.slow
 def test_where_friction_misleads_the_plant_model_the_rests_say_how_stiff_the_contact_is(tmp_path, without_pictures):
     """The moves of Fig. 4.10, where the drive sticks: no linear model predicts the loop, but the record shows it."""
     run("fig_4_8", variant="plastic", overrides={"expect": []}, fidelity="OneDimensional", out=tmp_path / "run")

@@ -41,6 +41,7 @@ def test_every_fit_can_be_told(basis, bandwidth):
     assert all(name in shown for name in basis.names)
 
 
+@pytest.mark.slow
 def test_a_loop_predicted_to_be_unstable_is_called_so():
     late = lfilter(*contact(5.9e3, (12.6, 12.6), 40), U)
     fit = fit_vrft(U, late, first_order(30.0, TS), discrete_pid(TS))

@@ -28,6 +28,7 @@ def test_every_slot_has_a_contract():
     assert set(catalog.SLOTS) == set(catalog.CONTRACTS)
 
 
+@pytest.mark.slow
 def test_every_block_has_a_line_that_says_what_it_is():
     blocks = catalog.list_blocks()
     wanted = {"plant/drives/servo", "plant/sensors/force_sensor", "force/integral", "estimation/environment"}

@@ -147,6 +147,7 @@ def test_a_sweep_trusts_what_is_beside_itself_not_what_is_beside_its_scenario(fo
         fc.sweep(folder / "lab" / "all.yaml", out=folder / "out")
 
 
+@pytest.mark.slow
 def test_a_module_is_allowed_by_keyword_option_or_settings(folder, monkeypatch, forcectl):
     file = folder / "mine" / "own.yaml"
     file.write_text("duration: 0.01\nstation: {fidelity: OneDimensional}\ncontroller: !Import {path: 'good_lab:Law'}\n")

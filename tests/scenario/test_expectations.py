@@ -266,6 +266,7 @@ def test_a_metric_that_a_run_may_have_is_not(tmp_path, text, metric):
     assert build(scenario_that_judges(tmp_path, text, metric), fidelity="OneDimensional")
 
 
+@pytest.mark.slow
 def test_a_misspelt_mode_in_an_expectation_is_refused():
     tree = {**find_scenario("pipette").tree, "expect": [{"target": "t", "metric": "assembld.begins_s", "maximum": 50}]}
     with pytest.raises(BadInputError, match=r"expect\.0\.metric: unknown mode 'assembld': did you mean 'assembled'\?"):

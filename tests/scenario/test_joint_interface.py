@@ -64,6 +64,7 @@ def test_a_run_leaves_what_every_run_leaves(short, monkeypatch, capfd):
     assert set(LOOP_METRICS) <= set(metrics["rigid"])
 
 
+@pytest.mark.slow
 def test_the_resolved_scenario_gives_the_same_run(short, without_pictures):
     first = fc.run(short, variant="rigid", out="first")
     again = fc.run(short.parent / "first" / "scenario.yaml", variant="rigid")

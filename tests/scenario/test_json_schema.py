@@ -138,6 +138,7 @@ def test_what_it_refuses_the_reader_refuses(text):
         load_scenario(tree, variants[0])
 
 
+@pytest.mark.slow
 def test_it_takes_what_the_reader_takes():
     rng = random.Random(1)
     trees = [find_scenario(name).tree for name in ("fig_2_7", "fig_5_2", "table_4_1", "multi_material")]

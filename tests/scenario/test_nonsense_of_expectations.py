@@ -77,6 +77,7 @@ def test_a_noise_that_the_sensor_hides_is_no_fault(tmp_path):
         load_scenario(file)
 
 
+@pytest.mark.slow
 def test_the_margins_of_a_loop_with_a_long_delay_are_not_looked_for(forcectl):
     settings = ("station.sensors.force.delay=0.6", "controller.integral_gain=0.5")
     shown = [word for each in settings for word in ("--set", each)]

@@ -336,6 +336,7 @@ def test_an_object_of_the_wrong_class_is_refused_at_a_place_for_one_class():
         load_scenario({"station": EnvironmentConfig()})
 
 
+@pytest.mark.slow
 def test_the_run_directory_names_the_class_of_a_users_object(tmp_path, without_pictures):
     scenario = Scenario(duration=0.02, controller=MyConfig(integral_gain=1.25))
     fc.run(scenario, out=tmp_path / "run")

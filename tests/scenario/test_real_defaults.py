@@ -54,6 +54,7 @@ def bend(preset: str) -> np.ndarray:
     return (beside.sel(time=LOADED).mean("time") - beside.sel(time=0.196, method="nearest")).values
 
 
+@pytest.mark.slow
 def test_joints_are_elastic_and_the_ideal_ones_are_the_same_without_their_springs():
     """The real links give way by J^T F/k, and that is all that the rigid ones leave out."""
     stiffness = RobotModel.load("yumi", "yumi_gripper").joint_stiffness

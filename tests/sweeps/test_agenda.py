@@ -72,6 +72,7 @@ def half_width(outcome, numbers):
     return (high - low) / 2
 
 
+@pytest.mark.slow
 def test_points_are_repeated_until_their_rate_is_known(repeated):
     agenda = Agenda(repeated, (0, 1), [])
     chance = {group: random.Random(str(group)).random() for group in {repeated.group(n) for n in agenda.asked}}

@@ -47,6 +47,7 @@ class Forgetful:
         """Nothing is left to end."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cancelled", "begun", "lost"),
     [(20, 0, False), (20, DEATHS - 1, False), (DEATHS, DEATHS, True)],

@@ -56,6 +56,7 @@ def together(tmp_path_factory):
     return fc.sweep(SWEEP, out=folder, engine="sequential", report=False)
 
 
+@pytest.mark.slow
 def test_the_table_says_the_same_as_without_batches(together, tmp_path):
     alone = fc.sweep(SWEEP | {"batches": False}, out=tmp_path / "out", engine="sequential", report=False)
     assert list(alone.table.columns) == list(together.table.columns)
@@ -72,6 +73,7 @@ def test_the_table_says_the_same_as_without_batches(together, tmp_path):
     assert not [note for note in alone.notes if "batches" in note]
 
 
+@pytest.mark.slow
 def test_the_table_has_the_same_bits_however_the_trials_are_put_together(together, tmp_path):
     study = study_of(read_sweep(SWEEP))
     fc.sweep(SWEEP, out=tmp_path / "out", engine="sequential", shard=(1, 2), report=False)
@@ -95,6 +97,7 @@ def test_values_that_cannot_be_run_do_not_stop_the_others_of_their_batch():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fidelity", list(SLOTS["fidelity"]))
 def test_rows_are_what_runs_of_that_fidelity_give(fidelity):
     overrides = {"station.fidelity": fidelity, "duration": 0.2}

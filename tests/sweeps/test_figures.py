@@ -268,6 +268,7 @@ def test_what_cannot_be_drawn_is_said(tmp_path):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [lambda *_: None, lambda *_: "it diverges"], ids=["none finished", "all failed"])
 def test_sweeps_without_numbers_have_few_figures_or_none(row, tmp_path):
     study, table, _ = made(GRID, row)

@@ -42,6 +42,7 @@ def test_shards_in_any_order_and_twice_are_the_whole(parts, tmp_path):
     assert again.count("done") == 8
 
 
+@pytest.mark.slow
 def test_what_is_not_there_yet_may_come_later_or_be_run(parts, tmp_path):
     first = merge([parts / "part-1", parts / "part-2"], tmp_path / "all")
     assert first.count("pending") == 2
@@ -51,6 +52,7 @@ def test_what_is_not_there_yet_may_come_later_or_be_run(parts, tmp_path):
     assert table(tmp_path / "all") == table(tmp_path / "other") == table(parts / "whole")
 
 
+@pytest.mark.slow
 def test_done_stands_above_failed_and_contradictions_are_told(parts, tmp_path):
     def changed(name, **values):
         folder = tmp_path / name
@@ -96,6 +98,7 @@ def test_status_counts_the_states(parts, tmp_path):
     assert status(tmp_path / "some").counts["lost"] == 1
 
 
+@pytest.mark.slow
 def test_status_counts_the_repetitions_that_are_asked_for(tmp_path):
     repeat = {"half_width": 0.3, "at_least": 2, "at_most": 40}
     fc.sweep(small(keys={STIFFNESS: [1e3]}, repeat=repeat), out=tmp_path / "out", engine="sequential", report=False)

@@ -114,6 +114,7 @@ def test_several_seeds_of_several_points_are_said_not_to_be_further_points(tmp_p
     assert "on these 4 points" in page.text
 
 
+@pytest.mark.slow
 def test_every_figure_is_within_the_page_and_beside_it(tmp_path):
     _, _, page = written(tmp_path, GRID)
     names = [address for address in page.addresses if address.startswith("figures/")]
@@ -190,6 +191,7 @@ ODD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ODD)
 def test_odd_sweeps_have_a_page(name, tmp_path, monkeypatch):
     if name != "texts":  # their figures are drawn, but not as pictures, which takes most of the time

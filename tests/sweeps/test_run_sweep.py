@@ -30,6 +30,7 @@ def whole(tmp_path_factory):
     return folder, result
 
 
+@pytest.mark.slow
 def test_the_table_has_a_row_for_each_trial(whole):
     folder, result = whole
     table = pd.read_parquet(folder / "trials.parquet")
@@ -43,6 +44,7 @@ def test_the_table_has_a_row_for_each_trial(whole):
     assert set(pd.read_parquet(folder / "costs.parquet")["trial"]) == set(range(8))
 
 
+@pytest.mark.slow
 def test_a_key_that_changes_nothing_is_told(whole):
     assert not [note for note in whole[1].notes if "no effect" in note]
     keys = {STIFFNESS: [1e3, 5e3], "model.payload": [0.0, 1.0]}
@@ -62,23 +64,27 @@ def test_seeds_and_constraints_that_change_nothing_are_told():
     assert not [note for note in noisy.notes if "no effect" in note]
 
 
+@pytest.mark.slow
 def test_a_success_that_no_trial_can_have_is_told():
     """Nothing settles within 0.3 s."""
     result = fc.sweep(small(success="settling_time_2pct_s <= 4"), engine="sequential", report=False)
     assert "success asks for settling_time_2pct_s, of which no trial has a value: none is one" in result.notes
 
 
+@pytest.mark.slow
 def test_processes_give_the_same_table(whole, tmp_path):
     fc.sweep(small(), out=tmp_path / "two", workers=2, report=False)
     assert (tmp_path / "two" / "trials.parquet").read_bytes() == (whole[0] / "trials.parquet").read_bytes()
 
 
+@pytest.mark.slow
 def test_without_a_directory_there_is_the_table(whole):
     result = fc.sweep(small(), engine="sequential", report=False)
     assert result.directory is None
     pd.testing.assert_frame_equal(result.table, whole[1].table)
 
 
+@pytest.mark.slow
 def test_a_worst_metric_without_a_value_is_a_note_and_no_end(tmp_path):
     """Nothing settles within 0.3 s."""
     result = fc.sweep(small(worst={"metric": "settling_time_2pct_s"}), out=tmp_path / "none", engine="sequential")
@@ -86,6 +92,7 @@ def test_a_worst_metric_without_a_value_is_a_note_and_no_end(tmp_path):
     assert "No trial has a value of settling_time_2pct_s" in (tmp_path / "none" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_going_on_runs_what_is_missing(whole, tmp_path):
     shutil.copytree(whole[0], tmp_path / "part")
     digest = identity_of(tmp_path / "part")["digest"]
@@ -122,6 +129,7 @@ def test_other_versions_are_refused(whole, tmp_path):
         fc.sweep(tmp_path / "old", resume=True)
 
 
+@pytest.mark.slow
 def test_failures_are_rows_and_may_be_tried_again(tmp_path):
     sweep = small(overrides=small()["overrides"] | FAILING, arms={}, keys={STIFFNESS: [1e2, 1e5]})
     result = fc.sweep(sweep, out=tmp_path / "out", engine="sequential", report=False)
@@ -168,6 +176,7 @@ def test_a_trial_that_kills_its_process_is_lost_and_the_others_are_not(tmp_path,
         fc.sweep(tmp_path / "out", resume=True)
 
 
+@pytest.mark.slow
 def test_a_full_disk_stops_the_sweep_and_keeps_what_is_finished(tmp_path, monkeypatch):
     written, kept = Results.write_row, []
 

@@ -101,6 +101,7 @@ def test_saltelli_points_differ_from_a_in_one_key():
     assert np.array_equal(gain, np.column_stack([a[:, 0], b[:, 1]]))
 
 
+@pytest.mark.slow
 def test_the_hash_is_that_of_sweep_scenario_and_points():
     hashes = {
         study(keys={STIFFNESS: values}, **more).digest()
@@ -158,6 +159,7 @@ def test_a_misspelt_metric_is_refused_beside_shipped_analyses():
         study(**MACHINE, success="endet == 1")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("keys", "place"),
     [
@@ -221,15 +223,18 @@ def test_a_surface_that_is_varied_may_have_any_name():
     study(success="left.overshoot_pct < 5", keys={"station.environment.stiffness": [1e3]})
 
 
+@pytest.mark.slow
 def test_an_analysis_of_one_arm_is_enough_for_its_metrics():
     reaching = {"analyses": {"transitions": drawn("!Transitions {}")}}
     assert study(**MACHINE, success="ended == 1", arms={"a": reaching, "b": {"duration": 1.0}}).size == 2
 
 
+@pytest.mark.slow
 def test_a_mode_of_any_arm_may_stand_in_the_name_of_a_metric():
     study(**MACHINE, findings={"stuck": "jammed.begins_s > 0"}, arms={"a": {}, "b": {"duration": 1.0}})
 
 
+@pytest.mark.slow
 def test_a_misspelt_name_in_an_arm_is_told_with_arm_key_and_what_is_meant():
     arms = {"a": {}, "b": {"controller.modes.aproach.timeout": 3.0}}
     place = (
@@ -239,6 +244,7 @@ def test_a_misspelt_name_in_an_arm_is_told_with_arm_key_and_what_is_meant():
         study(**MACHINE, arms=arms)
 
 
+@pytest.mark.slow
 def test_a_condition_that_is_hardly_ever_met_is_told():
     keys = {STIFFNESS: drawn("!Uniform {min: 1e3, max: 2e3}")}
     with pytest.raises(BadInputError, match=r"met by 40 points, but 0 of \d+ points meet them"):

@@ -125,6 +125,7 @@ def test_a_mapping_is_a_sweep_too():
     assert study_of(read_sweep(small())).size == 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list_sweeps())
 def test_shipped_sweeps_can_be_planned(name):
     study = study_of(read_sweep(name))

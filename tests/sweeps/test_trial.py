@@ -79,6 +79,7 @@ def test_a_trial_with_a_row_is_not_run_again(tmp_path):
     assert results.row(0) == {"trial": 0, "state": "done"}
 
 
+@pytest.mark.slow
 def test_recorded_signals_are_those_of_the_log(tmp_path):
     one = study(keep="all", envelope=["contact_force"])
     row_of(one, tmp_path)

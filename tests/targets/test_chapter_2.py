@@ -20,6 +20,7 @@ def by_gain(fidelity: str, metric: str) -> list[float]:
     return [float(value) for value in values if value is not None]
 
 
+@pytest.mark.slow
 @slow_multibody
 def test_fig_2_7_a_higher_gain_rises_faster(fidelity: str) -> None:
     slow, medium, fast = by_gain(fidelity, "time_to_90pct_s")
@@ -50,6 +51,7 @@ def test_fig_2_7_the_highest_gain_hunts_and_the_lowest_comes_to_rest(fidelity: s
     assert swing[4.5] > 0.5
 
 
+@pytest.mark.slow
 @slow_multibody
 def test_fig_2_8_the_response_lags_its_model_and_then_leads_it(fidelity: str) -> None:
     (metrics,) = run_experiment("fig_2_8", fidelity).metrics.values()
@@ -65,6 +67,7 @@ def test_fig_2_8_the_response_lags_its_model_and_then_leads_it(fidelity: str) ->
     assert [verdict.target for verdict in run_experiment("fig_2_8", fidelity).verdicts if verdict.passed is False] == []
 
 
+@pytest.mark.slow
 @slow_multibody
 def test_2_14_believing_the_contact_softer_raises_the_effective_gain(fidelity: str) -> None:
     metrics = run_experiment("mismatch_2_14", fidelity).metrics
@@ -74,6 +77,7 @@ def test_2_14_believing_the_contact_softer_raises_the_effective_gain(fidelity: s
         assert (stiffer, softer) == pytest.approx((3.4, 16.5), abs=0.5)
 
 
+@pytest.mark.slow
 @light_fidelities
 def test_2_14_only_the_product_of_gain_and_believed_compliance_matters(fidelity: str) -> None:
     changes = {"station.drive.servo.ideal": True, "duration": 2.0, "station.fidelity": fidelity}
@@ -95,6 +99,7 @@ def test_experiments_meet_what_they_expect(experiment: str, fidelity: str) -> No
     assert not missed
 
 
+@pytest.mark.slow
 def test_2_6_the_ideal_bound_is_far_beyond_what_the_real_loop_takes() -> None:
     """K_I = 0.5 w_n = 37.7 1/s is stable with the joint filter alone, and nowhere near stable with the force filter."""
     bound = 0.5 * 75.4

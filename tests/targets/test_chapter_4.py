@@ -66,6 +66,7 @@ def test_batch_vrft_finds_the_published_gains(seed: int) -> None:
     assert fit.excitation_order >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("experiment", "variant", "bandwidth"), [
     ("table_4_1", "VRFT", 1.5), ("fig_4_7", "4.5 rad/s", 4.5), ("fig_4_7", "1.5 rad/s", 1.5),
 ])  # fmt: skip

@@ -8,6 +8,7 @@ from forcectl.errors import BadInputError
 TS, K_ENV, D_ENV = 0.004, 500.0, 100.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [50.0, 60.0, 75.0])
 def test_the_error_of_a_generator_limited_in_acceleration(damping):
     """theta_hole - theta = a_max Ts (D - D_env/2)/K_env, nothing for the D = D_env/2 of the caption."""

@@ -29,6 +29,7 @@ def test_experiments_meet_what_they_expect(experiment: str) -> None:
     assert sum(verdict.passed is True for verdict in verdicts) >= len(verdicts) - 3
 
 
+@pytest.mark.slow
 def test_fig_3_7_bouncing_without_the_subset_and_none_within_it() -> None:
     metrics = result("fig_3_7").metrics
     assert metrics["alpha = 0"]["touches_2pct"] > 1
@@ -38,11 +39,13 @@ def test_fig_3_7_bouncing_without_the_subset_and_none_within_it() -> None:
     assert metrics["alpha = 3"]["overshoot_N"] < 1e-3
 
 
+@pytest.mark.slow
 def test_fig_3_8_settling_is_that_of_the_calibration() -> None:
     times = settling("fig_3_8", 2)
     np.testing.assert_allclose(times, [0.48, 0.66, 1.35, 2.03], rtol=0.025)
 
 
+@pytest.mark.slow
 def test_fig_3_10_settles_first_and_is_the_calibrated_one() -> None:
     fourth, constraint, integral = settling("fig_3_10", 5)
     assert fourth + 0.3 <= min(constraint, integral)

@@ -45,6 +45,7 @@ def follow(controller: ReactiveController, mode: Any = None, rows: Any = slice(N
     return run_diagram(controller, duration, period=PERIOD, inputs=inputs)
 
 
+@pytest.mark.slow
 def test_a_mode_is_the_controller_of_its_parts() -> None:
     """... bit by bit where it was made of the same, from the first tick on."""
     wall = TaskRange(RIGHT, lower=RIGHT.state(at(two_arms().parameters.default_posture)).value - 0.02)
@@ -74,6 +75,7 @@ def switching() -> ReactiveMotion:
     return ReactiveMotion(ReactiveController(two_arms(), [LEFT, RIGHT, relative], modes=modes))
 
 
+@pytest.mark.slow
 def test_a_switch_in_motion_is_not_felt() -> None:
     """Position and speed are integrals; the acceleration changes no faster than to its limit in 20 ms."""
     motion = switching()
@@ -101,6 +103,7 @@ def test_a_switch_in_motion_is_not_felt() -> None:
     assert log["reached"][-1] == 1
 
 
+@pytest.mark.slow
 def test_what_a_mode_leaves_out_is_free_and_what_it_keeps_holds() -> None:
     """A wall of one mode is passed in the other, and come back from when it is kept again."""
     height = at(two_arms().parameters.default_posture).arm("left").position[2]
@@ -124,6 +127,7 @@ def test_what_a_mode_leaves_out_is_free_and_what_it_keeps_holds() -> None:
     assert log["holding"].max() == 0
 
 
+@pytest.mark.slow
 def test_rows_do_not_take_over_what_was_foreseen_of_others() -> None:
     """The same two walls in another order: to switch between them changes nothing."""
     height = at(two_arms().parameters.default_posture).arm("left").position[2]

@@ -146,6 +146,7 @@ def turns(ways: np.ndarray) -> np.ndarray:
     return TS * (1 + np.flatnonzero(np.diff(ways[:, 0])))
 
 
+@pytest.mark.slow
 def test_self_motion_turns_round_after_its_range_and_half_of_it_at_first() -> None:
     found = turns(go(self_motion(range=0.08), 3.0, 1.0))
     np.testing.assert_allclose(found, [0.5, 1.5, 2.5], atol=0.03)

@@ -1,6 +1,7 @@
 """What the levels of the program make of a row that the tasks can hardly be kept within."""
 
 import numpy as np
+import pytest
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import RobotShapes
@@ -12,6 +13,8 @@ from forcectl.tasks.null_space import SelfMotion
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
 from forcectl.testing import run_diagram
+
+pytestmark = pytest.mark.slow
 
 
 def test_an_arm_does_not_swing_about_its_hand_for_a_row_that_this_hardly_moves():

@@ -64,18 +64,21 @@ def holds_at(log: Log, time: float) -> bool:
     return bool(log["holding"][k, 0] == 1 and (log["joint_velocity_command"][k] == 0).all())
 
 
+@pytest.mark.slow
 def test_undisturbed_it_reaches_the_target() -> None:
     assert_smooth(free())
     assert free()["reached"][-1] == 1
     assert free()["holding"].max() == 0
 
 
+@pytest.mark.slow
 def test_good_readings_change_nothing() -> None:
     log = moving(1.6, joint_position=readings, joint_velocity=np.zeros(N))
     np.testing.assert_array_equal(log["joint_position_command"], free()["joint_position_command"])
     assert log["reading_ok"].min() == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("which", ["joint_position", "joint_velocity"])
 def test_a_joint_reading_that_is_no_number_stops_the_motion_until_it_is_one(bad: float, which: str) -> None:
@@ -93,6 +96,7 @@ def test_a_joint_reading_that_is_no_number_stops_the_motion_until_it_is_one(bad:
     np.testing.assert_array_equal(log["reading_ok"][round(0.5 / PERIOD)], np.arange(N) != 3)
 
 
+@pytest.mark.slow
 def test_after_readings_are_good_again_the_target_is_reached() -> None:
     def follow(t: float) -> np.ndarray:
         """A robot that stands where the command stopped: 0.45 s into the run."""
@@ -108,6 +112,7 @@ def test_after_readings_are_good_again_the_target_is_reached() -> None:
     assert stopped["reached"][-1] == 1
 
 
+@pytest.mark.slow
 def test_a_few_lost_samples_leave_the_command_alone() -> None:
     def reading(t: float) -> np.ndarray:
         return readings(0.3) if 0.3 <= t < 0.315 else readings(t)
@@ -117,6 +122,7 @@ def test_a_few_lost_samples_leave_the_command_alone() -> None:
     assert log["reading_ok"].min() == 0
 
 
+@pytest.mark.slow
 def test_lost_samples_for_longer_stop_the_motion() -> None:
     log = moving(0.8, joint_position=lambda t: readings(min(t, 0.3)), joint_velocity=np.zeros(N))
     assert_smooth(log)
@@ -133,6 +139,7 @@ def test_a_frozen_encoder_stops_the_motion_and_is_named() -> None:
     assert log["reading_ok"][round(0.34 / PERIOD), 5] == 0
 
 
+@pytest.mark.slow
 def test_a_robot_that_does_not_follow_is_not_led_on() -> None:
     def reading(t: float) -> np.ndarray:
         """It trembles, so that no encoder is frozen."""
@@ -144,6 +151,7 @@ def test_a_robot_that_does_not_follow_is_not_led_on() -> None:
     assert np.abs(log["joint_position_command"][-1] - START).max() < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_target_that_is_no_number_keeps_the_last_one(bad: float) -> None:
     def target(t: float) -> np.ndarray:
@@ -176,6 +184,7 @@ def test_a_reference_that_is_no_number_brakes_and_holds(bad: float) -> None:
         assert holds_at(log, 0.35)
 
 
+@pytest.mark.slow
 def test_a_target_that_changes_at_every_tick_is_followed_within_the_limits() -> None:
     rng = np.random.default_rng(0)
     goals = [goal(seed, 0.3) for seed in range(8)]

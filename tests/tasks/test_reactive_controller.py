@@ -51,6 +51,7 @@ def wanted(log: Log, start: np.ndarray) -> np.ndarray:
     return start + AMPLITUDE * (1 - np.cos(4 * (log.time[:, None] + PERIOD)))
 
 
+@pytest.mark.slow
 def test_references_are_reached_at_the_next_tick_without_delay() -> None:
     controller = reactive_controller()
     log = follow(controller)
@@ -67,6 +68,7 @@ def test_commanded_positions_and_speeds_are_one_motion() -> None:
     np.testing.assert_allclose(np.diff(q, axis=0), 0.5 * PERIOD * (v[1:] + v[:-1]), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_null_space_obeys_its_criterion_and_the_tasks_do_not_notice() -> None:
     class Restless:
         def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
@@ -78,6 +80,7 @@ def test_the_null_space_obeys_its_criterion_and_the_tasks_do_not_notice() -> Non
     np.testing.assert_allclose(reached(restless), reached(calm), atol=3e-4)
 
 
+@pytest.mark.slow
 def test_standing_arms_turn_to_where_their_mass_is_small() -> None:
     small = TowardsSmallMass(two_arms(), "right", [0.0, 1.0, 0.0], gain=50.0)
     controller = reactive_controller(criterion=EvasiveMotion([small], speed=20.0))
@@ -88,6 +91,7 @@ def test_standing_arms_turn_to_where_their_mass_is_small() -> None:
     assert np.abs(reached(log) - controller.task_start).max() < 3e-4
 
 
+@pytest.mark.slow
 def test_a_lower_priority_gives_way() -> None:
     """A wall keeps the left arm from its height; with position first its place suffers less than with orientation."""
 
@@ -121,6 +125,7 @@ def test_levels_are_counted_and_costed() -> None:
     assert log["levels_solved"].max() == 3
 
 
+@pytest.mark.slow
 def test_a_wall_of_one_arm_a_range_and_a_speed_limit_hold() -> None:
     left, right = arm_tasks()
     height = at(START).arm("right").position[2]
@@ -143,6 +148,7 @@ def test_a_wall_of_one_arm_a_range_and_a_speed_limit_hold() -> None:
     assert log["constraint_violation"].max() < 0.5 * np.abs(np.diff(place, 3, axis=0)).max() / PERIOD
 
 
+@pytest.mark.slow
 def test_a_users_constraint_and_one_that_raises_later() -> None:
     class Elbow:
         """The left elbow's angle stays below a number, of relative degree 2."""
@@ -214,6 +220,7 @@ def test_a_criterion_that_does_not_fit_fails_when_it_is_built() -> None:
         reactive_controller(criterion=Wrong())
 
 
+@pytest.mark.slow
 def test_leader_and_follower_in_euler_angles() -> None:
     """The leader swings, the follower is led relative to it."""
     motion = at(START)
@@ -230,6 +237,7 @@ def test_leader_and_follower_in_euler_angles() -> None:
     np.testing.assert_allclose(value, expected, atol=5e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [3.6, -3.6])
 def test_euler_angles_go_on_beyond_half_a_turn(way: float) -> None:
     rotation = at(START).arm("left").rotation

@@ -109,6 +109,7 @@ def test_rows_hold_and_the_second_stage_changes_nothing_of_the_tasks() -> None:
     assert braked < 0.2 * TICKS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.1, 0.3])
 def test_torques_asked_for_only_where_they_bind_give_the_optimum_of_all_rows(share: float) -> None:
     ticks, bound = Ticks(), 0
@@ -143,6 +144,7 @@ def cost(level: Level, u: np.ndarray) -> float:
     return float((0.5 * u @ level.hessian + level.gradient) @ u)
 
 
+@pytest.mark.slow
 def test_both_stages_are_the_optima_of_a_reference_solver() -> None:
     ticks = Ticks()
     for seed in range(min(TICKS, 150)):

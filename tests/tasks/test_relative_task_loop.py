@@ -13,6 +13,8 @@ from forcectl.tasks.reactive_motion import ReactiveMotion
 from forcectl.tasks.relative_task import RelativeMotion, RelativeTask
 from tests.examples.motion_examples import frame_motion, two_arms
 
+pytestmark = pytest.mark.slow
+
 Array = np.ndarray
 AWAY = np.array([0.3, 0.2, -0.2, 0.2, 0.4, -0.3, 0.5, -0.2, 0.1, 0.3, -0.1, 0.3, 0.5, -0.2])  # from the default [rad]
 

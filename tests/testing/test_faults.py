@@ -83,6 +83,7 @@ def test_of_an_input_only_this_reader_gets_it():
     np.testing.assert_allclose(log["triple"][:, 0], 3 * TIMES, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_noise_has_its_deviation_and_follows_its_seed():
     runs = [run_diagram(ramp(), 10.0, period=PERIOD, faults={"t": Noise(0.1, seed=seed)}) for seed in (0, 0, 1)]
     noise = [run["double"][:, 0] / 2 - run.time for run in runs]

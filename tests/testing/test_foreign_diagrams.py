@@ -4,6 +4,8 @@ import pytest
 
 from tests.examples import plugin_project
 
+pytestmark = pytest.mark.slow
+
 pytest_plugins = ["pytester"]
 
 STATION = """

@@ -99,6 +99,7 @@ def test_records_that_do_not_fit_are_refused():
         friction_samples(model, t, rows, np.zeros((5, 3)), rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [False, True])
 def test_a_robot_that_was_moved_gives_its_friction(noise):
     """Sticking friction, readings as the interface gives them: 1 %; with noise and a loss of 10 ticks: 3 %."""

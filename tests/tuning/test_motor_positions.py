@@ -54,10 +54,12 @@ def test_the_filter_is_that_of_the_position_loop() -> None:
     np.testing.assert_allclose(response, log["reference"][:, 0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_without_friction_it_is_vrft_on_commands() -> None:
     assert proportional_gain(0.0, "motor") == pytest.approx(proportional_gain(0.0, "command"), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_with_drives_that_stick_it_finds_what_it_finds_without() -> None:
     free, stuck = proportional_gain(0.0, "command"), 2e-5
     assert proportional_gain(stuck, "motor") == pytest.approx(free, rel=0.01)

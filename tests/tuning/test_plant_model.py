@@ -12,6 +12,7 @@ def likely(plants):
     return min(plants, key=lambda plant: plant.criterion)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [1, 5, 40])
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_a_contact_behind_lags_and_delay_is_found(delay, noise):
@@ -26,6 +27,7 @@ def test_a_contact_behind_lags_and_delay_is_found(delay, noise):
     assert np.sqrt(np.mean(difference**2)) < (0.05 if noise else 1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_order_and_response_are_exact_where_the_plant_is_one_of_them(order):
     u = trapezoidal_moves()
@@ -38,6 +40,7 @@ def test_order_and_response_are_exact_where_the_plant_is_one_of_them(order):
     )
 
 
+@pytest.mark.slow
 def test_models_are_stable_and_do_not_ring_whatever_the_record():
     rng = np.random.default_rng(3)
     for _ in range(5):
@@ -53,6 +56,7 @@ def test_an_input_that_moves_only_at_the_end_explains_nothing():
     assert all(plant.explained <= 0.0 for plant in identify_plants(u, np.sin(0.1 * np.arange(500)), TS))
 
 
+@pytest.mark.slow
 def test_the_beginning_of_the_record_may_rest_for_long():
     u = np.concatenate([np.zeros(30_000), trapezoidal_moves()])
     plant = likely(identify_plants(u, lfilter(*contact(1e4, (12.6,), 3), u), TS))

@@ -21,6 +21,7 @@ def plant_of(numerator, denominator):
     return IdentifiedPlant(numerator[delay:], denominator, delay, TS, 1.0, 0.0)
 
 
+@pytest.mark.slow
 def test_the_loop_is_predicted():
     numerator, denominator = contact(5.9e3, (75.4, 75.4, 12.6, 12.6), 20)
     plant = min(identify_plants(U, lfilter(numerator, denominator, U), TS), key=lambda p: p.criterion)
@@ -113,6 +114,7 @@ def test_without_a_stable_inverse_there_is_no_fictitious_reference():
         )
 
 
+@pytest.mark.slow
 def test_where_residuals_are_not_noise_a_lower_order_is_believed():
     plant, basis = contact(5.9e3, (12.6, 20.0, 30.0), 20), discrete_pid(TS)
 
@@ -132,6 +134,7 @@ def test_where_residuals_are_not_noise_a_lower_order_is_believed():
     assert believed < likely
 
 
+@pytest.mark.slow
 def test_an_instability_that_only_the_true_order_shows_is_believed():
     """A resonance that the smooth moves hardly show: a lag fits them to a thousandth and predicts a sound loop."""
     lag, pole = np.exp(-4.0 * TS), np.exp(complex(-3.0, 120.0) * TS)

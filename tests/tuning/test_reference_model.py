@@ -33,6 +33,7 @@ def test_first_order_is_that_of_the_thesis():
     np.testing.assert_allclose(model.response(r), y[:50], rtol=1e-13, atol=1e-16)
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.floats(0.5, 100.0), min_size=1, max_size=4),
     st.booleans(),
@@ -65,6 +66,7 @@ def test_a_model_without_static_gain_is_sampled_too():
     np.testing.assert_allclose(model.response(np.ones(600)), expected, atol=1e-11)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-0.95, 0.95), min_size=1, max_size=4), st.floats(-2.0, 2.0), st.integers(1, 5))
 def test_discrete_models_are_the_filter_they_are_written_as(poles, zero, delay):
     denominator = np.concatenate([np.poly(poles), np.zeros(delay)])

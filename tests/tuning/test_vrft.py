@@ -73,6 +73,7 @@ def test_gains_equal_an_independent_implementation(prefilter, noise):
     np.testing.assert_allclose(fit.gains, by_recursions(u, y, prefilter), rtol=1e-8)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(0, 5))
 @settings(max_examples=6, deadline=None)
 def test_models_of_any_order_equal_filtering_with_their_transfer_functions(seed, order, delay):
@@ -91,6 +92,7 @@ def test_models_of_any_order_equal_filtering_with_their_transfer_functions(seed,
     np.testing.assert_allclose(fit.gains, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_spring_behind_a_lag_returns_the_known_controller():
     lag, stiffness = 12.6, 5.9e3
     u, y = record(stiffness=stiffness, lags=(lag,), delay=1)
@@ -123,6 +125,7 @@ def test_continuous_form_gives_the_gains_of_the_thesis_in_its_units():
     assert (fit.gains < 0).all()
 
 
+@pytest.mark.slow
 def test_scaling_input_and_output_scales_the_gains():
     u, y = record(0.02)
     basis = discrete_pid(TS)
@@ -136,6 +139,7 @@ def test_scaling_input_and_output_scales_the_gains():
         assert other.model_mismatch == pytest.approx(one.model_mismatch, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.02, 0.2])
 def test_with_the_prefilter_noise_leaves_k_p_and_k_i_and_the_report_says_that_k_d_is_lost(noise):
     clean = fit_vrft(*record(), MODEL, continuous_pid(TS))
@@ -156,6 +160,7 @@ def test_without_the_prefilter_the_same_noise_takes_k_p_and_the_report_says_so()
     assert any(line.startswith("K_P, K_D are not identifiable") for line in fit.warnings)
 
 
+@pytest.mark.slow
 def test_instruments_remove_the_bias_of_noise():
     basis = discrete_pid(TS).only("K_P", "K_I")
     truth = fit_vrft(*record(), MODEL, basis, prefilter=False).gains
@@ -170,6 +175,7 @@ def test_instruments_remove_the_bias_of_noise():
     assert np.mean(second) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_an_instrument_changes_nothing_without_noise_where_the_controller_is_exact():
     u, y = record(lags=(12.6,))
     fit = fit_vrft(u, y, MODEL, discrete_pid(TS).only("K_P", "K_I"), instrument=y)
@@ -188,6 +194,7 @@ def test_standard_errors_cover_the_scatter_of_seeds():
     assert (claimed < 6 * scatter).all()
 
 
+@pytest.mark.slow
 def test_a_fir_controller_is_found_again():
     taps = np.array([0.4, -0.2, 0.1, 0.05, 0.3])
     rng = np.random.default_rng(4)
@@ -200,6 +207,7 @@ def test_a_fir_controller_is_found_again():
         assert fit.pid is None
 
 
+@pytest.mark.slow
 def test_a_reference_model_with_the_delay_of_the_plant_is_matched_one_that_is_too_fast_is_out_of_reach():
     u, y = record(delay=40)
     late = fit_vrft(u, y, first_order(1.5, TS, delay=40), discrete_pid(TS))
@@ -219,6 +227,7 @@ def test_stability_of_the_tuned_loop_is_predicted(delay, bandwidth):
     assert fit.stable == bool(np.isfinite(late) and late < 0.5 * early + 1e-3)
 
 
+@pytest.mark.slow
 def test_a_single_sinusoid_excites_two_gains_only():
     u = -1e-3 * np.sin(0.02 * np.arange(30_000))
     y = lfilter(*contact(5.9e3, LAGS, 1), u)
@@ -229,6 +238,7 @@ def test_a_single_sinusoid_excites_two_gains_only():
     assert fit.condition_number > moves.condition_number
 
 
+@pytest.mark.slow
 def test_the_report_names_a_record_that_does_not_begin_at_rest_and_a_model_that_ends_elsewhere():
     u, y = record()
     fit = fit_vrft(u, y + 5.0, MODEL, discrete_pid(TS))
@@ -239,6 +249,7 @@ def test_the_report_names_a_record_that_does_not_begin_at_rest_and_a_model_that_
     assert any("ends at 0.8" in line for line in short.warnings)
 
 
+@pytest.mark.slow
 def test_data_of_which_the_plant_explains_little_are_called_so():
     u, _ = record()
     y = 10 * np.sin(0.003 * np.arange(u.size))
@@ -273,6 +284,7 @@ def test_data_that_cannot_be_used_are_refused_in_one_line(change, words):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_nothing_is_changed_in_place():
     u, y = record(0.05)
     before = u.copy(), y.copy()
@@ -281,6 +293,7 @@ def test_nothing_is_changed_in_place():
     np.testing.assert_array_equal(y, before[1])
 
 
+@pytest.mark.slow
 def test_nothing_is_done_sample_by_sample_in_python(monkeypatch):
     """Less than one call for ten samples more; `benchmarks/vrft.py` measures the time of a million."""
 
@@ -295,6 +308,7 @@ def test_nothing_is_done_sample_by_sample_in_python(monkeypatch):
     assert calls(20) - calls(1) < 0.1 * 19 * record()[0].size
 
 
+@pytest.mark.slow
 def test_a_loop_within_reach_is_not_said_to_be_out_of_reach():
     """Without a prefilter noise biases K_P: other gains come nearer, which is not said of 0.1 %."""
     u = record()[0]

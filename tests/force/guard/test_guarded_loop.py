@@ -230,6 +230,7 @@ def test_a_command_that_is_no_number_is_held():
     assert signal(run, "status")[-1] == STOP + 60
 
 
+@pytest.mark.slow
 def test_joint_commands_are_guarded():
     """The robot's own controller has no force law: dead sensor, then what it costs."""
     run = outcome(fc.force.InvarianceRobotConfig(), 1.0, [{"kind": "value", "value": 0.0, "start": 0.3}])
@@ -266,6 +267,7 @@ def test_the_quick_rise_of_a_law_is_no_alarm(controller, stiffness):
     assert not signal(run, "status").any()
 
 
+@pytest.mark.slow
 def test_what_the_way_is_worth_may_be_left_unasked():
     """The surface is ten times softer than the model's, which looks like a sensor that shows a tenth."""
     soft = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e3}}
@@ -307,6 +309,7 @@ def test_a_sensor_that_is_dead_from_the_start_is_retreated_from_at_once():
     assert set(signal(run, "status")) == {0, RETREAT + 20, STOP + 20}
 
 
+@pytest.mark.slow
 def test_readings_in_coarse_steps_are_no_frozen_sensor():
     """A step is 3.3 times the noise: without a filter readings repeat themselves for 0.1 s every few seconds."""
     sensor = WristForceConfig(bandwidth=1e5, noise_std=0.03, quantum=0.1)

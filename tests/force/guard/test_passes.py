@@ -9,6 +9,8 @@ from forcectl.force.guard.limits import GuardLimits
 from forcectl.force.guard.passes import passes
 from forcectl.force.guard.readings import LoopMemory, read
 
+pytestmark = pytest.mark.slow
+
 PERIOD, RANGE, STEP, TICKS = 0.002, 50.0, 0.004, 600
 
 

@@ -75,6 +75,7 @@ def test_a_scenario_that_cannot_be_gives_one_line(tmp_path, directions, message)
     assert "own.yaml" in str(refused.value)
 
 
+@pytest.mark.slow
 def test_without_torques_it_is_the_force_law_alone():
     """Selected along the normal only, the loop is that of the law behind the kinematic inversion."""
     alone = {"station": {"fidelity": "Kinematic"}, "reference": {"force": 15.0}, "duration": 1.0}
@@ -115,6 +116,7 @@ def test_another_tilt_other_laws_and_a_motion_along_the_plate():
     assert float(end["contact_force"]) == pytest.approx(15.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_with_a_guarded_move_along_z_it_touches_presses_and_leaves():
     station = {
         "fidelity": "Kinematic",

@@ -52,6 +52,7 @@ def test_the_law_presses_from_where_the_move_has_brought_the_tool() -> None:
     assert far["approach_displacement"][-1] == pytest.approx(-0.003, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_wall_on_the_way_ends_the_move_and_the_way_back_is_free() -> None:
     controller = make(approached=True, constraints=[wall((0.0, 0.0, 1.0), 0.005)])
     log = moved(controller, 350, lambda k: -TICK * min(k, 280) + TICK * max(k - 280, 0))
@@ -63,6 +64,7 @@ def test_a_wall_on_the_way_ends_the_move_and_the_way_back_is_free() -> None:
     assert not log["status"].any()
 
 
+@pytest.mark.slow
 def test_a_limit_of_a_joint_ends_the_move() -> None:
     model = robot_plant_model()
     lower = model.robot.limits.position_lower.copy()
@@ -87,6 +89,7 @@ def test_a_step_back_is_made_as_fast_as_the_joints_are_and_whole() -> None:
     assert along(log)[-1] == pytest.approx(0.005, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_slow_joints_are_as_slow_into_the_surface_and_turn_round_at_once() -> None:
     slow = limits(velocity=np.full(6, 0.004))
     log = moved(make(approached=True, limits=slow), 300, lambda k: -TICK * min(k, 200) + 0.1 * TICK * max(k - 200, 0))
@@ -103,6 +106,7 @@ def test_a_tool_that_rests_at_a_wall_beside_it_still_leaves_the_surface() -> Non
     assert tips(log)[:, 0].max() < CLOSE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_random_moves_and_forces_keep_walls_limits_and_speeds(seed: int) -> None:
     random = np.random.default_rng(seed)

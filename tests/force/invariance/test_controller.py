@@ -30,6 +30,8 @@ from tests.examples.robot_controller_runs import (
     turns,
 )
 
+pytestmark = pytest.mark.slow
+
 STEP = 15.0 * COMPLIANCE  # depth of 15 N [m]
 SIDE = np.array([0.0, 1.0, 0.0])
 

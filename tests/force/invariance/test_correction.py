@@ -109,6 +109,7 @@ def step_down(t: float) -> float:
     return 15.0 if t < 1.5 - 1e-9 else 5.0
 
 
+@pytest.mark.slow
 def test_the_nominal_law_does_not_wind_up():
     """Held back for long by a compliance believed 20 % too small, it answers a higher reference at once."""
     law = control(compliance_error=0.8, nominal=IntegralConfig(integral_gain=3.0, lower_limit=-4e-3))

@@ -41,6 +41,7 @@ def double_integrator(force_step: float, compliance: float, braking: float, star
     return highest, rest * PERIOD
 
 
+@pytest.mark.slow
 @given(st.floats(-1e-2, 1e-2), st.floats(-0.1, 0.1), brakings, st.floats(0.1, 10.0))
 @settings(max_examples=300)
 def test_floats_and_arrays_agree_and_stay_within_the_bounds(y, rate, braking, ratio):
@@ -51,6 +52,7 @@ def test_floats_and_arrays_agree_and_stay_within_the_bounds(y, rate, braking, ra
     assert low <= a <= high
 
 
+@pytest.mark.slow
 @given(st.floats(-1e-2, 0.0), st.floats(-0.1, 0.1), brakings)
 @settings(max_examples=300)
 def test_it_is_the_largest_up_to_the_corners_that_keeps_the_constraint_one_step_ahead(y, rate, braking):
@@ -219,6 +221,7 @@ def test_invariance_function_and_status_are_shown():
 # --- references that move --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.floats(0.02, 0.3), st.floats(0.0, 60.0)), min_size=1, max_size=6),
     st.floats(0.02, 1.0),

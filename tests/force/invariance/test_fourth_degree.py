@@ -191,6 +191,7 @@ def test_a_compliance_that_is_not_positive_holds(wrong: float) -> None:
     assert np.all(log["status"] == Status.NOT_FINITE)
 
 
+@pytest.mark.slow
 @both_forms
 def test_lost_contact_is_followed_without_a_jump_down_to_the_limit(form: str) -> None:
     block = law(derivatives=form, lower_limit=-0.01, acceleration_limit=0.1)
@@ -330,6 +331,7 @@ def test_a_stated_uncertainty_of_the_compliance_asks_for_a_virtual_state() -> No
         assert kind(alpha=0.0).alpha == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [1.5, 2.0])
 def test_the_alpha_chosen_for_a_stated_uncertainty_stands_it(ratio: float) -> None:
     """C_T_hat too large and too small by all of it: the force comes to rest without overshoot and without a bounce."""
@@ -344,6 +346,7 @@ def test_the_alpha_chosen_for_a_stated_uncertainty_stands_it(ratio: float) -> No
     assert largest_drop(bouncing["force"][:, 0], the_step(bouncing)) > 5.0, "at equality nothing is left (3.84)*"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [1.0, 1.5])
 def test_the_alpha_chosen_for_a_rate_keeps_it(ratio: float) -> None:
     """30 N/s while 10 N are missing, with a compliance believed too large by all of the stated uncertainty."""

@@ -37,6 +37,7 @@ def test_a_lower_speed_limit_in_the_context_brakes_within_the_acceleration_limit
     assert np.max(np.abs(np.diff(slower["displacement_command"][:, 0]))) <= 2e-4 * PERIOD * (1 + 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gamma", [-1e3, GAMMA, -1e8])
 def test_without_contact_differences_approach_below_the_speed_that_feeds_itself(gamma: float) -> None:
     """From c |gamma|/(2 z w^3) on, 2 z w v alone outweighs gamma; nor faster than a filtered force could tell."""
@@ -70,6 +71,7 @@ def in_one_dimension(stiffness: float, duration: float, **reference: float) -> D
     return forcectl.run({}, overrides=changes).log.squeeze()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stiffness", "start", "force", "largest"),
     [
@@ -108,6 +110,7 @@ def test_the_multibody_station_keeps_contact_on_stiff_surfaces(adaptive: bool, s
     assert np.min(contact[log.time.values > 1.5]) > 0.5 * force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drop", [0.3, 0.6])
 def test_the_reference_zero_while_the_force_rises_stays_by_the_surface(drop: float) -> None:
     log = in_one_dimension(1e4, 5.0, force=0.0, initial_force=5.0, start_time=drop)

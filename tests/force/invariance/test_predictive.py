@@ -90,6 +90,7 @@ def test_with_the_right_compliance_nothing_is_fed_back(delay):
     assert log["contact_force"].max() <= FORCE + 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rise", [4e-4, -4e-4])
 def test_a_surface_that_rises_or_falls_steadily_leaves_no_error(rise):
     def surface(t):
@@ -118,6 +119,7 @@ def test_a_rise_that_the_path_knows_is_no_disturbance():
     assert log["contact_force"][-1].item() == pytest.approx(FORCE, abs=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.5, 1.25])
 def test_a_wrong_compliance_ends_at_the_reference_too(share):
     log = run(PredictiveInvarianceConfig(compliance_error=share), 6.0)["measured_force"].ravel()
@@ -143,6 +145,7 @@ def test_what_the_drive_owes_is_asked_for():
     assert without["measured_force"][-1].item() == pytest.approx(FORCE - 5e-5 / C_T, abs=0.02)
 
 
+@pytest.mark.slow
 def test_lost_contact_is_looked_for_at_a_limited_speed_and_found():
     def surface(t):
         return 1e-3 if t > 1.0 else 0.0

@@ -63,6 +63,7 @@ def test_far_from_the_constraint_a_reference_that_falls_moves_the_command_by_the
     np.testing.assert_allclose(speed, -3.0 * WHOLE * 2.0, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_force_on_a_second_surface_is_a_regulated_output_and_the_compliance_couples_both() -> None:
     """(3.37): at rest the tool is where -C F with the whole matrix says, for 15 N along z and 6 N along y."""
     robot = np.array([[4e-5, 0.0, 0.0], [0.0, 3e-5, 1e-5], [0.0, 1e-5, 2e-5]])

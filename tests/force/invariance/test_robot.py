@@ -103,6 +103,7 @@ def test_the_controller_has_the_ports_of_its_slot_and_diagnostics_of_size_one() 
     assert_ports(diagram.GetSubsystemByName("controller"), inputs, outputs)
 
 
+@pytest.mark.slow
 def test_memory_is_released() -> None:
     assert_memory_released(
         lambda: build_loop("Kinematic", InvarianceRobotConfig(adaptation=Adaptation())).diagram,
@@ -291,6 +292,7 @@ def true_force(
     return values[np.argmax(values > CONTACT_FORCE) :]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [1.2, 1.8])
 def test_the_true_force_stays_below_the_maximum_on_stiff_contact_behind_the_sensors_filter(error: float) -> None:
     # By the measured force alone: 8.4 N with 1.2, 12.9 N and bouncing with 1.9.

@@ -36,6 +36,7 @@ def test_near_the_path_it_is_proportional_and_critically_damped() -> None:
     assert not acceleration(1e-3, 0.01, np.diag([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.001, 0.02, 0.5, 3.0])
 def test_from_anywhere_it_comes_to_rest_without_overshoot_within_its_acceleration(start: float) -> None:
     x, v, least = start, 0.0, start

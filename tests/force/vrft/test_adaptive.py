@@ -153,6 +153,7 @@ def test_the_gains_stay_within_their_range():
     assert not narrow.fir
 
 
+@pytest.mark.slow
 def test_the_covariance_does_not_grow_at_rest():
     """An hour at rest with forgetting 0.9 would blow P up to infinity: it keeps to P_0, and the gains to theirs."""
     block = RecursiveVrft(1, forgetting=0.9, initial_covariance=1.0, always=True, period=0.1)

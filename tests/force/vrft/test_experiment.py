@@ -157,6 +157,7 @@ def test_an_excitation_from_a_file_is_found_beside_the_scenario(tmp_path, monkey
     assert metrics["peak_force_N"] == pytest.approx(5.9, rel=0.05)
 
 
+@pytest.mark.slow
 def test_from_motor_positions_the_gains_are_those_of_drives_that_do_not_stick():
     def gain(learn_from: str, friction: float) -> float:
         config = RecursiveVrftConfig(excitation=SHORT, input=learn_from, hand_over_time=5.0)

@@ -121,6 +121,7 @@ def test_only_wires_of_abstract_signals_are_dashed():
     assert len(dashed) > 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", ALL.values(), ids=ALL)
 def test_a_pdf_is_one_page_as_large_as_the_svg(make):
     model = graph(make(), depth=None)
@@ -131,6 +132,7 @@ def test_a_pdf_is_one_page_as_large_as_the_svg(make):
     assert box == pytest.approx([0.0, 0.0, 0.75 * width, 0.75 * height], abs=0.8)
 
 
+@pytest.mark.slow
 def test_text_of_a_pdf_is_text_with_its_fonts_inside():
     pdf = to_pdf(graph(force_loop(), depth=None))
     written = texts_of(pdf)
@@ -141,6 +143,7 @@ def test_text_of_a_pdf_is_text_with_its_fonts_inside():
     assert b"/Subtype /Image" not in pdf
 
 
+@pytest.mark.slow
 def test_depth_folds_what_is_inside():
     assert "position_loop" not in texts_of(to_pdf(graph(force_loop(), depth=1)))
 
@@ -174,6 +177,7 @@ def test_other_processes_write_the_same_bytes():
         assert done.stdout.split() == own
 
 
+@pytest.mark.slow
 def test_settings_of_the_user_change_nothing():
     model = graph(force_loop(), depth=None)
     plain = to_png(model), to_pdf(model)

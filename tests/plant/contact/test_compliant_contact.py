@@ -113,6 +113,7 @@ def test_a_stiff_robot_feels_spring_and_damper_directly():
     np.testing.assert_allclose(log["contact_force"][1:, 0], k * speed * log.time[1:] + d * speed, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d", [5.0, 50.0, 500.0])
 def test_damping_agrees_with_a_fine_integration(d):
     """Backward Euler: close to the truth, and the error is of first order in the period."""
@@ -157,6 +158,7 @@ def test_contact_is_lost_and_found_again():
     assert np.max(np.abs(force - truth)[settled]) < 0.05 * np.max(truth[settled])
 
 
+@pytest.mark.slow
 def test_left_alone_the_surface_relaxes_exponentially():
     """Seen through the force of a probe that touches again at a known depth."""
     k, d, period = 5900.0, 300.0, 1e-4

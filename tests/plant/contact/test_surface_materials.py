@@ -48,6 +48,7 @@ def test_without_blend_it_is_a_step() -> None:
 lengths = st.lists(st.floats(0.005, 0.1), min_size=1, max_size=6)
 
 
+@pytest.mark.slow
 @given(lengths, st.floats(-0.2, 0.2), st.floats(0.0, 1.0), st.randoms(use_true_random=False))
 def test_it_stays_between_neighbours_and_does_not_jump(
     widths: list[float], first: float, share: float, random: Any

@@ -32,6 +32,7 @@ def torque(block: JointImpedance, reference: object, state: object, gravity: obj
     return block.GetOutputPort("torque_command").Eval(context)
 
 
+@pytest.mark.slow
 @given(joints, joints, joints, joints, joints, gains, gains)
 def test_it_is_a_spring_and_a_damper_between_reference_and_motor(wanted, rate, q, speed, gravity, stiffness, damping):
     block = JointImpedance(3, stiffness=stiffness, damping=damping)

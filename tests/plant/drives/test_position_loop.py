@@ -107,6 +107,7 @@ def test_rate_is_the_derivative_of_the_position():
     assert_matches_model(response, lambda t: 75.4**2 * t * np.exp(-75.4 * t), atol=1e-8)
 
 
+@pytest.mark.slow
 def test_continuous_and_sampled_are_equal_at_the_ticks():
     u = commands(30, 2)
     w, z = [75.4, 30.0], [1.0, 0.7]

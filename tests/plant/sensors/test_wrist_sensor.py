@@ -312,6 +312,7 @@ def test_channels_show_a_share_of_each_other(robot):
     np.testing.assert_allclose(seen - load, (shares - np.eye(6)) @ raw, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_cross_talk_of_a_station_is_that_of_its_seed_and_needs_six_channels():
     sensor = {"noise_std": 0.0, "quantum": 0.0, "cross_talk": 0.02}
     workcell = describe(multibody(force_sensor=WristForceConfig(**sensor)))

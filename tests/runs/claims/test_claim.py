@@ -126,6 +126,7 @@ def test_numbers_skip_finished_and_failed_runs(tmp_path):
     assert free_name(tmp_path, "x").name == "x-3"
 
 
+@pytest.mark.slow
 def test_a_second_claim_is_refused_with_who_has_the_first(tmp_path, other):
     with (
         pytest.raises(InUseError, match=rf"run' is in use by process {other.pid} on .*: wait for it"),
@@ -143,6 +144,7 @@ def test_numbered_ones_pass_over_what_others_have(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["x-1", "x-2"]
 
 
+@pytest.mark.slow
 def test_a_claim_ends_with_its_process_and_the_next_one_cleans_up(tmp_path, other):
     os.kill(other.pid, signal.SIGKILL)
     other.wait()
@@ -178,6 +180,7 @@ def test_of_what_fails_on_a_full_disk_nothing_that_is_there_in_part_is_kept(tmp_
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_command_that_is_ended_at_once_leaves_no_claim(tmp_path, number):
     code = (

@@ -13,6 +13,8 @@ from forcectl.runs.logs import read_netcdf
 from forcectl.runs.stored import read_run
 from tests.examples.commands import start_command
 
+pytestmark = pytest.mark.slow
+
 LOOP = (
     "station: {fidelity: OneDimensional}\nduration: 0.3\n"
     "variants: {one: {seed: 1}, two: {seed: 2}, three: {seed: 3, duration: 3000}}\n"

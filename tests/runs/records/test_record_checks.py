@@ -21,6 +21,7 @@ pytestmark = pytest.mark.usefixtures("plants_identified_once")
 NOISE = 0.5 * np.random.default_rng(0).normal(size=Y.size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
@@ -53,6 +54,7 @@ def test_a_controller_of_the_wrong_sign_is_refused(tmp_path, sign, basis):
         check_signs(record, fit)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("damping", "sound"), [(100.0, True), (1000.0, False)])
 def test_a_proportional_gain_of_the_wrong_sign_is_that_of_a_force_that_leads(tmp_path, damping, sound):
     """Damping leads, too, but by less than the lags of a robot."""
@@ -64,6 +66,7 @@ def test_a_proportional_gain_of_the_wrong_sign_is_that_of_a_force_that_leads(tmp
         check_signs(record, fit)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "force",
     [

@@ -64,6 +64,7 @@ def replay_of(force: list[float], folder: Path) -> tuple[Path, str, np.ndarray]:
     return page, arm, parts.arms[arm].tcp_frame.CalcPoseInWorld(context).translation()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force", [[0.0, 0.0, -5.0], [3.0, -4.0, 12.0]])
 def test_the_arrows_of_a_motion_loop_begin_at_the_tool_and_are_as_long_as_the_force(
     tmp_path: Path, force: list[float]
@@ -81,6 +82,7 @@ def test_the_arrow_of_a_small_force_is_all_head(tmp_path: Path) -> None:
     np.testing.assert_allclose(head @ [0.0, 0.0, HEAD * scale], tip, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_arrow_of_a_force_loop_is_as_long_as_the_contact_force(tmp_path: Path) -> None:
     station = StationConfig()
     workcell = describe(station)

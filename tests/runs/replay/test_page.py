@@ -109,6 +109,7 @@ BLOCK = """<robot name="block">
 </robot>"""
 
 
+@pytest.mark.slow
 def test_parts_move_with_the_log_and_forces_are_where_they_act(tmp_path):
     (tmp_path / "block.urdf").write_text(BLOCK)
     block = PartConfig(model=str(tmp_path / "block.urdf"), frame="edge", arm="left")
@@ -174,6 +175,7 @@ duration: 0.06
 """
 
 
+@pytest.mark.slow
 def test_a_run_of_a_state_machine_has_all_of_it_in_its_replay(tmp_path, without_pictures):
     fc.run(parse(TOUCH, "touch.yaml"), out=tmp_path / "run", replay=True)
     page = tmp_path / "run" / "replay.html"

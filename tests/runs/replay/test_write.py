@@ -28,6 +28,7 @@ def still() -> xr.Dataset:
     return xr.Dataset(values, coords={"time": [0.0, 0.1]})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Multibody"])
 def test_a_replay_is_one_self_contained_page(tmp_path, capfd, without_pictures, fidelity):
     fc.run("fig_2_8", overrides={"duration": 0.5}, fidelity=fidelity, out=tmp_path / "run", replay=True)

@@ -77,6 +77,7 @@ def test_a_frame_that_carries_tools_is_the_flange(tmp_path, name):
     assert proposed(tmp_path, camera, arm_xml("acme", effort=100).replace("tool0", name))["flange_frame"] == name
 
 
+@pytest.mark.slow
 def test_a_frame_of_any_name_on_the_axis_of_the_last_joint_is_the_flange(tmp_path):
     arm = arm_xml("acme", effort=100).replace("tool0", "mech_if")
     eye = '<link name="eye"/><joint name="eye_mount" type="fixed"><parent link="link_6"/><child link="eye"/>'

@@ -46,6 +46,7 @@ def test_what_is_wrong_outside_of_the_arms_hides_nothing(tmp_path):
     assert "head_pan: 0" in report.missing["held_joints"]
 
 
+@pytest.mark.slow
 def test_what_is_wrong_in_an_arm_is_told_beside_all_that_is_missing(tmp_path):
     folder = write_public_robot(tmp_path)
     text = (folder / "arm.urdf").read_text()
@@ -64,6 +65,7 @@ def test_what_is_wrong_in_an_arm_is_told_beside_all_that_is_missing(tmp_path):
     assert "link 'link_3': mass = 100000 kg: must be from" in problems[-1]
 
 
+@pytest.mark.slow
 def test_joints_out_of_their_order_are_noted(tmp_path):
     folder = write_planar_robot(tmp_path, CONTROL.replace("[shoulder, elbow, wrist]", "[elbow, shoulder, wrist]"))
     told = (
@@ -74,6 +76,7 @@ def test_joints_out_of_their_order_are_noted(tmp_path):
     assert not [note for note in examine_robot(tmp_path / "own").notes if "arm_joints" in note]
 
 
+@pytest.mark.slow
 def test_speeds_and_damping_of_another_unit_are_noted(tmp_path):
     folder = write_planar_robot(tmp_path / "own", CONTROL.replace("damping_ratio: 0.9", "damping_ratio: 0.01"))
     told = "reference_filter.damping_ratio = 0.01: position loops overshoot by 97 %"

@@ -58,6 +58,7 @@ def near_targets(report):
     return ", ".join(f"{{arm: {name}, position: {place}, turn_deg: [8, 0, 0]}}" for name, place in places.items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", list_robots())
 def test_shipped_robots_are_complete(robot):
     report = examine_robot(robot)
@@ -95,6 +96,7 @@ def test_two_arms_are_told_apart(tmp_path):
     assert "torque_limit" not in proposed
 
 
+@pytest.mark.slow
 def test_a_posture_whose_links_touch_names_the_pairs(tmp_path):
     folder = write_public_robot(tmp_path)
     adopt(folder)
@@ -149,6 +151,7 @@ def test_without_a_mesh_link_distance_0_still_reaches(tmp_path, forcectl, withou
         assert (told in err) == (code == 2)
 
 
+@pytest.mark.slow
 def test_check_says_what_is_assumed(tmp_path, forcectl):
     adopt(write_public_robot(tmp_path))
     (tmp_path / "press.yaml").write_text(PRESS.format(folder="acme_support/urdf"))
@@ -343,6 +346,7 @@ def test_an_empty_file_is_as_none(tmp_path, forcectl):
         RobotModel.load(folder, None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "message"), MISTAKES, ids=[make.__name__[1:] for make, _ in MISTAKES])
 def test_whatever_is_in_a_folder_is_told_without_a_traceback(tmp_path, forcectl, make, message):
     make(tmp_path / "robot")

@@ -99,6 +99,7 @@ def test_no_table_of_gains_cuts_a_number(basis, known, width):
     assert not known or {f"{100 * share:.1f}" for share in shares} <= set(words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", list_robots())
 def test_no_table_of_a_robot_cuts_a_number(robot):
     report = examine_robot(robot)

@@ -34,6 +34,7 @@ def test_a_force_loop_has_faults_of_the_sensor_and_of_the_surface():
     assert "robot pushed" in fits({}, fidelity="Multibody")
 
 
+@pytest.mark.slow
 def test_a_solver_that_gives_up_is_named():
     changes = {"controller": Tagged({}, "InvarianceRobot"), "duration": 0.02}
     faulty = try_faults(

@@ -24,6 +24,7 @@ def report():
     return try_faults({}, controllers="Integral,TaskMachine", faults=names, **QUICK)
 
 
+@pytest.mark.slow
 def test_the_sound_run_stands_first(report):
     assert [row.fault for row in report.rows if row.controller == "Integral"] == ["none", "nan", "contact lost"]
     for row in report.rows:
@@ -61,6 +62,7 @@ def test_bad_input(wrong, message):
         try_faults({}, **QUICK, **wrong)
 
 
+@pytest.mark.slow
 def test_a_spike_of_one_tick_is_not_missed_between_two():
     spike = try_faults({}, faults="spike", begin=0.3011, **QUICK)
     assert spike.begin == pytest.approx(0.302)

@@ -116,6 +116,7 @@ def assert_smooth(log: dict[str, np.ndarray]) -> None:
     assert not log["holding"].any()
 
 
+@pytest.mark.slow
 def test_a_peg_goes_to_the_bottom_centres_itself_and_presses_with_the_desired_force():
     """The mode changes where the bottom is felt."""
     touched = []
@@ -135,6 +136,7 @@ def test_a_peg_goes_to_the_bottom_centres_itself_and_presses_with_the_desired_fo
     assert_smooth(log)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("comply", [True, False])
 def test_what_is_blocked_turns_back_at_once(comply):
     """A limit of the task keeps it from going on; the generator of what complies goes on without it."""

@@ -47,6 +47,7 @@ def gather(*constraints: Any, gamma: float = -1.0, **limits: Any) -> ConstraintS
 NUMBERS = {"y": st.floats(-1.0, -1e-9), "rate": st.floats(-1.0, 1.0), "gamma": st.floats(-10.0, -0.05)}
 
 
+@pytest.mark.slow
 @settings(deadline=None, derandomize=True, max_examples=300)
 @given(**NUMBERS)
 def test_a_double_integrator_at_the_bound_keeps_the_constraint_and_comes_to_rest_on_it(

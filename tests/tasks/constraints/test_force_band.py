@@ -65,6 +65,7 @@ def test_it_finds_contact_and_comes_back_from_outside(braking: float, wanted: fl
         assert pressed[inside:].max() <= HIGH + 1e-9
 
 
+@pytest.mark.slow
 def test_every_corner_that_may_come_next_is_in_the_invariant_set() -> None:
     """(6.18)-(6.20) by enumeration: Phi of all corners of stiffness, errors and model with both allowed extremes."""
     rng, gamma = np.random.default_rng(1), 0.05

@@ -61,6 +61,7 @@ def test_a_constraint_stops_the_arm(constraints: str, highest: float) -> None:
     assert heights(scenario(constraints)).max() == pytest.approx(highest, abs=3e-5)
 
 
+@pytest.mark.slow
 def test_a_speed_limit_holds() -> None:
     speed = np.diff(heights(scenario(f"[!SpeedLimit {{{Z}, limit: [0.05]}}]"))) / 0.02
     assert np.abs(speed).max() == pytest.approx(0.05, rel=1e-3)
@@ -83,6 +84,7 @@ duration: 0.8
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stiffness", "depth"), [(1600.0, -0.01), (1300.0, 0.01)])
 def test_a_force_band_holds_on_a_spring(stiffness: float, depth: float) -> None:
     """With servos, friction that sticks and a sensor that reads in steps of 0.05 N; 16 N, or no contact, are asked."""

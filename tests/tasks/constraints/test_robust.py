@@ -138,6 +138,7 @@ def test_without_the_fix_for_a_lasting_model_error_the_limit_is_passed() -> None
 BOUNDS = st.floats(0.0, 1.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(BOUNDS, BOUNDS, BOUNDS, BOUNDS, st.floats(0.5, 20.0), st.sampled_from([0.004, 0.01]))
 def test_it_comes_to_rest_at_the_distance_stated(

@@ -326,6 +326,7 @@ def of_modes(modes: str) -> Any:
     return made
 
 
+@pytest.mark.slow
 def test_modes_of_a_scenario_switch_with_their_signal() -> None:
     log = fc.run(of_modes(MODES)).log
     height = np.array([at(q).arm("left").position[2] for q in log["joint_position_command"].values[::5]])

@@ -16,6 +16,8 @@ from forcectl.collision.shapes import RobotShapes
 from tests.examples.reactive_examples import reactive_controller
 from tests.examples.reactive_runs import PERIOD, Reacher, random_goal
 
+pytestmark = pytest.mark.slow
+
 TASKS = int(os.environ.get("FORCECTL_RANDOM_TASKS", "5"))
 DISTANCE = 0.01
 
@@ -37,7 +39,6 @@ def free_goal(seed: int) -> np.ndarray:
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(TASKS))
 def test_limits_hold_and_targets_are_reached_or_reported(seed: int, record_property: pytest.RecordProperty) -> None:
     found = reacher().reach(free_goal(seed), longest=15.0)

@@ -45,6 +45,7 @@ def way(log: Log) -> list[str]:
     return [MODES[int(numbers[0])]] + [MODES[int(b)] for a, b in itertools.pairwise(numbers) if a != b]
 
 
+@pytest.mark.slow
 def test_modes_follow_time_force_and_what_the_controller_tells() -> None:
     log = run()
     assert way(log) == ["wait", "lower", "press", "let_go"]
@@ -59,6 +60,7 @@ def test_modes_follow_time_force_and_what_the_controller_tells() -> None:
     assert log["machine_end"][-1, 0] == 1.0
 
 
+@pytest.mark.slow
 def test_grippers_keep_what_they_were_told_and_taring_is_told_a_tick_later() -> None:
     log = run()
     numbers = log["mode"][:, 0]
@@ -68,6 +70,7 @@ def test_grippers_keep_what_they_were_told_and_taring_is_told_a_tick_later() -> 
     assert (log["tare"][1:, 0] == (numbers[:-1] == 0)).all()
 
 
+@pytest.mark.slow
 def test_a_coordinate_complies_in_its_mode_only() -> None:
     """2 N along x and as much along y: only x moves, and only while the mode lasts."""
     pushed = 2.0 * ((np.arange(12) == 9) | (np.arange(12) == 10))
@@ -85,6 +88,7 @@ BAND = """      constraints:
 """
 
 
+@pytest.mark.slow
 def test_a_force_band_reads_the_force_along_its_own_task() -> None:
     """3 N push up, of which 2 are allowed: from the switch on it gives way upwards, as fast as it may brake."""
     text = LOWER.replace("      references: {touch: {z: {by: -0.002}}}\n", BAND)
@@ -111,6 +115,7 @@ def test_a_force_band_reads_the_force_along_its_own_task() -> None:
     assert np.diff(speeds)[-10:] / TICK == pytest.approx(0.03, rel=0.05)
 
 
+@pytest.mark.slow
 def test_what_gives_way_on_the_way_to_a_place_has_not_reached_it_at_once() -> None:
     said = "exits: [{when: time > 0.05, to: lower}]\n      timeout: 0.2"
     goes = "references: {touch: {z: {by: -0.03, comply: true}}}\n      exits: [{when: reached > 0.5, to: lower}]"
@@ -122,6 +127,7 @@ def test_what_gives_way_on_the_way_to_a_place_has_not_reached_it_at_once() -> No
     assert log["task_position"][begun, 2] - log["task_position"][0, 2] == pytest.approx(-0.03, abs=6e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("inputs", "last"),
     [
@@ -244,6 +250,7 @@ def test_a_run_goes_on_for_as_long_as_asked_after_the_machine_ended() -> None:
     np.testing.assert_array_equal(cut["joint_position"], whole["joint_position"][: cut.sizes["time"]])
 
 
+@pytest.mark.slow
 def test_in_a_loop_it_tares_the_estimator_and_asks_for_what_is_missing() -> None:
     """Without parts in the hands nothing says what the grippers hold; a machine that does not ask runs."""
     with pytest.raises(

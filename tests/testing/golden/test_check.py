@@ -43,6 +43,7 @@ def test_a_missing_file_fails_and_is_not_made(project):
     assert not (project.path / "golden").exists()
 
 
+@pytest.mark.slow
 def test_update_writes_what_changed_and_says_so(project):
     write(project, ONE.format(""))
     file = project.path / "golden" / "test_user" / "step.nc"
@@ -69,6 +70,7 @@ def test_update_is_refused_under_ci(project, monkeypatch, value):
     assert not (project.path / "golden").exists()
 
 
+@pytest.mark.slow
 def test_within_the_tube_passes_and_beyond_fails_with_log_and_picture(project):
     write(project, ONE.format(""))
     run(project, "--update-golden")
@@ -96,6 +98,7 @@ def test_many(golden_log, height, word):
 """
 
 
+@pytest.mark.slow
 def test_parametrised_tests_have_a_file_each_or_share_one(project):
     write(project, PARAMETERS)
     run(project, "--update-golden").assert_outcomes(passed=4)
@@ -108,6 +111,7 @@ def test_parametrised_tests_have_a_file_each_or_share_one(project):
     run(project).assert_outcomes(passed=2, failed=2)  # the file is of the first parameters
 
 
+@pytest.mark.slow
 def test_a_second_test_with_the_name_of_a_first_one_does_not_replace_its_file(project):
     write(project, ONE.format("") + ONE.format("height=1.5").replace("test_one", "test_two"))
     result = run(project, "--update-golden")
@@ -118,6 +122,7 @@ def test_a_second_test_with_the_name_of_a_first_one_does_not_replace_its_file(pr
     run(project, "--update-golden").assert_outcomes(passed=2)
 
 
+@pytest.mark.slow
 def test_several_processes_write_and_read(project):
     write(project, PARAMETERS)
     options = ("-p", "forcectl.testing.plugin", "-p", "xdist", "-n", "2", "-p", "no:cacheprovider")

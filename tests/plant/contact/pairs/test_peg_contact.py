@@ -125,6 +125,7 @@ def test_turned_about_the_axis_the_wrench_turns_along():
     np.testing.assert_allclose(there, (here.reshape(2, 3) @ R.T).ravel(), atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("time_step", "stiffness"), [(0.0005, 2e4), (0.001, 2e5), (0.002, 2e4), (0.002, 2e5)])
 def test_at_rest_it_balances_the_grasp(time_step, stiffness):
     """The grasp pushes sideways by what its spring is short of: nothing is lost to the inertia in the block."""
