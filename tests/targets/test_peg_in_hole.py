@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import forcectl as fc
-from forcectl.analysis.transitions import stays
+from forcectl.analysis.transitions import Stay, stays
 from forcectl.framework.yaml_tree import parse
 from forcectl.models import models_folder
 
@@ -16,43 +16,74 @@ RINGS = {"station.environment.parts.seat": parse("!PegInBore {peg: plunger, bore
 BESIDE = {f"{TUBE}.misplaced": {"offset": 0.06, "direction_deg": 90.0}, "controller.modes.seating.timeout": 0.6}
 # 0.7 s less at the start: what follows begins earlier by as much.
 QUICK = {"controller.modes.settle.exits.0.when": "time > 0.3 and reached > 0.5"}
-LARGEST = 18.0  # [N] above it the machine gives up
-FAULTS: dict[str, tuple[dict[str, Any], str]] = {
+LARGEST = 11.0  # [N]
+BACK = 0.02  # [m]
+# What is changed, the last mode, when the fault begins and how long after it that mode does [s].
+FAULTS: dict[str, tuple[dict[str, Any], str, float, float]] = {
     "a reading of one joint is no number": (
         {"station.faults": [{"kind": "nan", "joint": "left_joint_2", "start": 1.0, "duration": 9.0}]},
         "no_reading",
+        1.0,
+        0.044,
     ),
     "an encoder is frozen": (
         {"station.faults": [{"kind": "frozen", "joint": "left_joint_4", "start": 1.0, "duration": 9.0}]},
         "no_reading",
+        1.0,
+        0.124,
     ),
-    "the interface is lost": ({"station.faults": [{"kind": "lost", "start": 1.0, "duration": 9.0}]}, "no_reading"),
-    "the tube is missing": ({f"{TUBE}.grasp.released_at": 0.0}, "lost"),
-    "the plunger is dropped": ({f"{PLUNGER}.grasp.released_at": 1.2}, "lost"),
+    "the interface is lost": (
+        {"station.faults": [{"kind": "lost", "start": 1.0, "duration": 9.0}]},
+        "no_reading",
+        1.0,
+        0.08,
+    ),
+    "the tube is missing": ({f"{TUBE}.grasp.released_at": 0.0}, "lost", 0.0, 0.024),
+    "the plunger is dropped": ({f"{PLUNGER}.grasp.released_at": 1.2}, "lost", 1.2, 0.024),
     "an elbow is pushed": (
         {"station.loads": [{"body": "left_link_3", "start": 1.1, "hold": 0.6, "wrenches": [[0, 0, 0, 0, 0, -30.0]]}]},
         "pushed",
+        1.1,
+        0.036,
     ),
-    "the tube is not where the plunger goes": (BESIDE, "no_seat"),
+    "the tube is not where the plunger goes": (BESIDE, "no_seat", 1.912, 0.6),  # from the begin of `seating` on
 }
 
 
-def last(overrides: dict[str, Any], **options: Any) -> tuple[str, float]:
-    """Name of the last mode, and the largest true force between plunger and tube [N]."""
-    log = fc.run("peg_in_hole", variant="3 mm, 5 degrees", overrides=QUICK | overrides | options).log
-    force = np.linalg.norm(log["body_contact_wrench"].values[:, 3:], axis=1).max()
+def failed(overrides: dict[str, Any]) -> tuple[Stay, Any]:
+    """The end, and the log. The true force between plunger and tube is small."""
+    log = fc.run("peg_in_hole", variant="3 mm, 5 degrees", overrides=QUICK | overrides).log
     end = stays(log)[-1]
     assert end.kind == 2
-    return end.mode, float(force)
+    assert np.linalg.norm(log["body_contact_wrench"].values[:, 3:], axis=1).max() < LARGEST
+    return end, log
+
+
+def gone_back(end: Stay, log: Any) -> float:
+    """How far the plunger was commanded out of the bore since the end began [m]."""
+    z = log["task_position"].values[:, 2]
+    return float(z[-1] - z[log["time"].values >= end.begin - 1e-9][0])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_ends_in_a_named_failure_with_small_forces(fault: str) -> None:
-    overrides, mode = FAULTS[fault]
-    ended, force = last(RINGS | overrides)
-    assert ended == mode
-    assert force < LARGEST
+    overrides, mode, begins, after = FAULTS[fault]
+    end, _ = failed(RINGS | overrides)
+    assert end.mode == mode
+    assert end.begin - begins == pytest.approx(after, abs=0.012)  # [s] three ticks
+
+
+@pytest.mark.slow
+def test_a_force_that_is_too_large_draws_the_plunger_back() -> None:
+    """The force at the seat, 7 N, stands for one that is too large: as the shipped 18 N, above what `align` presses."""
+    guard = {
+        "controller.always.3.when": "abs(insert_force.force_z) > 5.5",
+        "controller.modes.align.references.insert.z.force": 4.0,
+    }
+    end, log = failed(RINGS | guard | {"after_end": 0.6})
+    assert end.mode == "too_hard"
+    assert gone_back(end, log) == pytest.approx(BACK, abs=5e-4)
 
 
 @pytest.mark.slow
@@ -62,9 +93,10 @@ def test_a_bore_that_is_too_narrow_jams(tmp_path: Path) -> None:
     model = (folder / "pipette_body.urdf").read_text()
     mesh = f'<mesh filename="{folder}/meshes/pipette_body.obj" scale="0.9 0.9 1"/>'
     (tmp_path / "narrow.urdf").write_text(model.replace('<mesh filename="meshes/pipette_body.obj"/>', mesh))
-    ended, force = last({f"{TUBE}.model": str(tmp_path / "narrow.urdf"), "controller.modes.align.timeout": 1.0})
-    assert ended == "jammed"
-    assert force < LARGEST
+    narrow = {f"{TUBE}.model": str(tmp_path / "narrow.urdf"), "controller.modes.align.timeout": 1.0}
+    end, log = failed(narrow | {"after_end": 0.6})
+    assert end.mode == "jammed"
+    assert gone_back(end, log) == pytest.approx(BACK, abs=5e-4)
 
 
 @pytest.mark.slow
