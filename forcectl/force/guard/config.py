@@ -147,16 +147,20 @@ class GuardConfig(Config):
         """
         if self.maximum_force is None or not model.size:
             return
-        for stiffer, force in ((1.0, self.maximum_force), (self.stiffness_margin, _OVER * self.maximum_force)):
-            gain = touch_gain(model, TURNS + model.sensor_delay, stiffer=stiffer)
-            if gain * speed > force:
-                stiffness = stiffer / float(np.min(model.environment_compliance))
-                margin = f", {stiffer:g} times the model's (guard.stiffness_margin)" if stiffer > 1.0 else ""
-                fault = (
-                    f" = {speed:g} m/s: the first touch comes to {gain * speed:.3g} N on {stiffness:.4g} N/m{margin}: "
-                    f"must be at most {force / gain:.3g} m/s with guard.maximum_force = {self.maximum_force:g} N"
-                )
-                raise BadInputError(fault, key=key)
+        strictest, stiffer, gain = 0.0, 1.0, 0.0
+        for times, over in ((1.0, 1.0), (self.stiffness_margin, _OVER)):
+            per_speed = touch_gain(model, TURNS + model.sensor_delay, stiffer=times)
+            if per_speed / over > strictest:
+                strictest, stiffer, gain = per_speed / over, times, per_speed
+        if strictest * speed > self.maximum_force:
+            stiffness = stiffer / float(np.min(model.environment_compliance))
+            margin = f", {stiffer:g} times the model's (guard.stiffness_margin)" if stiffer > 1.0 else ""
+            fault = (
+                f" = {speed:g} m/s: the first touch comes to {gain * speed:.3g} N on {stiffness:.4g} N/m{margin}: "
+                f"must be at most {_bound(self.maximum_force / strictest, math.floor)} m/s with guard.maximum_force = "
+                f"{self.maximum_force:g} N"
+            )
+            raise BadInputError(fault, key=key)
 
     def check_closing(
         self, truth: PlantModel, key: str, way: float, duration: float, force: float, *, links: bool
@@ -183,7 +187,7 @@ class GuardConfig(Config):
             fault = (
                 f" = {duration:g} s: {1e3 * way:g} mm closer on {stiffness:.4g} N/m makes {force + more:.3g} N of "
                 f"{force:g} N before any command can act: must be at least "
-                f"{touch_gain(truth, acts, links=links) * way / room:.3g} s with guard.maximum_force = "
+                f"{_bound(touch_gain(truth, acts, links=links) * way / room, math.ceil)} s with guard.maximum_force = "
                 f"{self.maximum_force:g} N"
             )
             raise BadInputError(fault, key=key)
@@ -236,3 +240,9 @@ def _along_normals(model: PlantModel, loops: int) -> tuple[Array, Callable[[Arra
 
     rows = np.array([n @ jacobian[3:] for jacobian, n in each(model.start)]).reshape(loops, model.num_joints)
     return rows, direction
+
+
+def _bound(value: float, rounded: Callable[[float], int]) -> str:
+    """A positive bound in three digits, rounded to the side that is admitted."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{rounded(value / step) * step:.3g}"

@@ -106,7 +106,9 @@ def lead(record: Recorded) -> float:
     reach = min(round(_LATEST / record.period), u.size - 1)
     before, after = fits[u.size - 1 - reach : u.size - 1], fits[u.size - 1 : u.size + reach]
     early = record.period * (reach - int(before.argmax())) if before.size else 0.0
-    return early if early > _LEADS[0] and before.max() > _LEADS[1] * after.max() else 0.0
+    leads = early > _LEADS[0] and before.max() > _LEADS[1] * after.max()
+    # A force that comes later than that meets the next move early.
+    return early if leads and before.max() > fits[u.size + reach :].max(initial=0.0) else 0.0
 
 
 def check_stiffness(record: Recorded, stiffness: float) -> None:

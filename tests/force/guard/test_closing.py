@@ -51,7 +51,7 @@ def test_the_message_has_place_numbers_and_what_is_allowed(tmp_path):
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Multibody"])
 def test_what_the_message_names_is_admitted_and_a_little_less_is_not(tmp_path, fidelity):
     bound = shortest(tmp_path, 1e5, 8.0, fidelity=fidelity)
-    build(file_of(tmp_path, 1e5, 8.0, 1.01 * bound, fidelity=fidelity))
+    build(file_of(tmp_path, 1e5, 8.0, bound, fidelity=fidelity))
     with pytest.raises(BadInputError, match="before any command can act"):
         build(file_of(tmp_path, 1e5, 8.0, 0.98 * bound, fidelity=fidelity))
 

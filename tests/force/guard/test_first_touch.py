@@ -1,5 +1,7 @@
 """The force of a first touch: against what is known of one mass on two springs, and the speeds that it admits."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -51,7 +53,7 @@ def test_an_approach_that_no_retreat_can_turn_round_is_refused():
     known = {"maximum_force": 20.0, "stiffness_margin": 1.0}
     with pytest.raises(
         BadInputError,
-        match=r"controller.speed = 0.05 m/s: the first touch comes to 49.5 N on 1e.05 N/m: must be at most 0.0202",
+        match=r"controller.speed = 0.05 m/s: the first touch comes to 49.5 N on 1e.05 N/m: must be at most 0.0201",
     ):
         build(load_scenario(base | {"controller": law, "guard": known}))
     build(load_scenario(base | {"controller": law, "guard": known | {"maximum_force": 52.0}}))
@@ -60,6 +62,27 @@ def test_an_approach_that_no_retreat_can_turn_round_is_refused():
         match=r"to 155 N on 1e.06 N/m, 10 times the model's \(guard.stiffness_margin\): must be at most 0.0201 m/s",
     ):
         build(load_scenario(base | {"controller": law, "guard": {"maximum_force": 52.0}}))
+
+
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Multibody"])
+@pytest.mark.parametrize("maximum", [30.0, 60.0])
+@pytest.mark.parametrize("margin", [1.0, 10.0])
+@pytest.mark.parametrize("stiffness", [3e3, 1e5])
+def test_what_the_message_names_is_admitted_and_a_little_more_is_not(fidelity, maximum, margin, stiffness):
+    """However much too fast the speed was that is refused."""
+
+    def built(speed):
+        station = {"fidelity": fidelity, "environment": {"stiffness": stiffness, "surface": {"gap": 0.01}}}
+        guard = {"maximum_force": maximum, "stiffness_margin": margin}
+        build(load_scenario({"station": station, "controller": fc.force.ApproachConfig(speed=speed), "guard": guard}))
+
+    with pytest.raises(BadInputError) as caught:
+        built(0.99)
+    named = re.search(r"must be at most ([0-9.e+-]+) m/s with guard.maximum_force", str(caught.value))
+    assert named is not None
+    built(float(named[1]))
+    with pytest.raises(BadInputError, match="the first touch comes to"):
+        built(1.02 * float(named[1]))
 
 
 @pytest.mark.parametrize(

@@ -91,6 +91,19 @@ def test_sines_do_not_lead_whatever_their_delay(tmp_path, period, delay):
     assert lead(record) == 0
 
 
+@pytest.mark.parametrize(("shift", "told"), [(600, r"1\.[23]\d* s after"), (-200, r"0\.[12]\d* s before")])
+def test_a_force_that_comes_late_is_not_taken_for_one_that_meets_the_next_step_early(tmp_path, shift, told):
+    u, time = np.zeros(4500), TS * np.arange(4500)
+    for begin, depth in ((0.5, 1e-3), (3.2, 2e-3), (5.0, -1e-3)):
+        u -= depth * np.clip((time - begin) / 0.1, 0.0, 1.0)
+    lag = np.exp(-TS / 0.16)
+    force = lfilter([(1 - lag) ** 2], [1.0, -2 * lag, lag**2], -5.9e3 * u)
+    moved = np.interp(time - TS * shift, time, force) + 0.02 * np.random.default_rng(0).normal(size=time.size)
+    columns = {"time [s]": time, "displacement [m]": u, "force [N]": moved}
+    with pytest.raises(BadInputError, match=rf"force \[N\] moves {told} displacement"):
+        tune_vrft(write(tmp_path, columns), 1.5)
+
+
 SOUND = Y - Y.min() + 2.0  # [N] all of it in contact
 SMALL = 0.1 * NOISE
 
