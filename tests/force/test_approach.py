@@ -9,7 +9,7 @@ import forcectl as fc
 from forcectl.errors import BadInputError
 from forcectl.force.approach import ApproachConfig, ApproachMode, GuardedMove
 from forcectl.force.invariance.predictive import PredictiveInvarianceConfig
-from forcectl.framework.yaml_tree import Tagged
+from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.testing import Log, run_diagram
 from tests.force.baselines.ideal_plant import model
 
@@ -129,6 +129,12 @@ def test_a_bad_reading_holds_the_move(bad):
     held = (log.time > 0.1) & (log.time < 0.2)
     assert len(set(x[held].tolist())) == 1
     assert way(log) == [APPROACH]
+
+
+def test_an_experiment_is_refused():
+    tree = parse("controller: !Approach {law: !RecursiveVrft {}}", "own.yaml")
+    with pytest.raises(BadInputError, match=r"controller\.law makes an experiment from the start of"):
+        fc.build(tree)
 
 
 def test_what_is_no_law_is_refused():
