@@ -116,3 +116,14 @@ def test_2_6_the_ideal_bound_is_far_beyond_what_the_real_loop_takes() -> None:
         fidelity="OneDimensional",
     )
     assert real.metrics["default"]["settling_time_5pct_s"] is None
+
+
+@pytest.mark.slow
+def test_fig_2_7_hunts_by_what_the_friction_of_the_drive_is() -> None:
+    """`docs/hunting.md`: half the swing of the force in the last 2 s goes with the friction; none without it."""
+    amplitudes = []
+    for share in (0.0, 0.5, 1.0, 2.0):
+        changes = {"duration": 8.0, "station.drive.servo.coulomb_friction": 1.6 * share}
+        run = forcectl.run("fig_2_7", variant="K_I = 3 1/s", fidelity="OneDimensional", overrides=changes)
+        amplitudes.append(0.5 * np.ptp(run.log["measured_force"].sel(time=slice(6.0, None)).values))
+    np.testing.assert_allclose(amplitudes, [0.0, 0.2, 0.4, 0.8], atol=0.05)
