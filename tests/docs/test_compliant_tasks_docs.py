@@ -10,7 +10,7 @@ import pytest
 from forcectl.force.admittance import admittance_step
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import parse
-from forcectl.tasks.compliance.felt import decay
+from forcectl.tasks.compliance.force_filter import decay
 from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConfig, mode_references
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from tests.examples.pages import blocks, page_text, run_python

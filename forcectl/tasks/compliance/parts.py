@@ -20,7 +20,7 @@ import numpy as np
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check
 from forcectl.framework.fields import Config, key
-from forcectl.tasks.compliance.felt import ForceFilter, decay
+from forcectl.tasks.compliance.force_filter import ForceFilter, decay
 from forcectl.tasks.compliance.references import DampingTable, ModeReferences, Swing
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.reactive_motion import MotionLimitsConfig

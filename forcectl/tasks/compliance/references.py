@@ -6,7 +6,7 @@
 with the commanded motion x, the force F along the coordinate and a swing s. Of a coordinate that complies the generator
 goes on from its own state, the arrangement `consistent` of `forcectl.force.admittance`; of any other one from x - s.
 
-F is what filter, play and dead band leave of the given force, see `forcectl.tasks.compliance.felt`.
+F is what filter, play and dead band leave of the given force, see `forcectl.tasks.compliance.force_filter`.
 
 D may depend on another coordinate. That makes no filter faster than H/D = 20 ms, the lag of the servos: from there on H
 grows with D. A filter near H/D = Ts/2 would turn round at every tick.
@@ -46,7 +46,7 @@ from forcectl.framework.block import scratch
 from forcectl.framework.kernels import largest, smallest
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.motion.trajectory import Limits, Motion, Planner, Target, TrajectoryState, begin
-from forcectl.tasks.compliance.felt import ForceFilter, felt, unfelt
+from forcectl.tasks.compliance.force_filter import ForceFilter, no_forces
 
 _START = ("start_position", "start_velocity", "start_acceleration")
 _REFERENCES = tuple(f"task_{name}_reference" for name in ("position", "velocity", "acceleration"))
@@ -221,7 +221,7 @@ class CompliantReferences(SampledBlock):
         self._modes, sizes = tuple(modes), [check_count("groups", count) for count in groups]
         k = self._size = sum(sizes)
         self._sizes, self._begins = np.array(sizes), np.cumsum([0, *sizes[:-1]], dtype=int)
-        self._unfelt = unfelt(k)
+        self._no_forces = no_forces(k)
         every = [mode.limits for mode in modes]
 
         def planners() -> list[Planner]:
@@ -266,9 +266,9 @@ class CompliantReferences(SampledBlock):
         state = TrajectoryState(memory["trajectory"].reshape(-1, self._size))
         own, swing, eased = state[:3], memory["swing"].reshape(3, -1), memory["eased"] > 0.5
         complies = largest(mode.comply)
-        forces = self._unfelt
+        forces = self._no_forces
         if complies:
-            forces = felt(mode.filter, mode.comply, inputs["task_force"], memory["smooth"], memory["force"])
+            forces = mode.filter.step(mode.comply, inputs["task_force"], memory["smooth"], memory["force"])
         ok, pushed = forces.ok, np.where(mode.comply & forces.ok, forces.force - mode.force, 0.0)
         if number != before:
             ticks, goal = np.zeros(self._size), np.where(np.isnan(mode.position), commanded[0] + mode.by, mode.position)

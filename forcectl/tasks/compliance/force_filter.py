@@ -25,21 +25,7 @@ from forcectl.estimation.momentum_observer import dead_band
 _LARGEST_FORCE = 1e6  # [N or Nm] a force beyond is no number
 
 
-class ForceFilter(NamedTuple):
-    """What forces along k coordinates pass, each (k,).
-
-    Attributes:
-        decay: exp(-Ts/tau) [1].
-        hysteresis: h [N or Nm].
-        dead_band: b [N or Nm].
-    """
-
-    decay: Array
-    hysteresis: Array
-    dead_band: Array
-
-
-class Felt(NamedTuple):
+class FilteredForces(NamedTuple):
     """Forces along k coordinates at a tick, each (k,).
 
     Attributes:
@@ -55,29 +41,41 @@ class Felt(NamedTuple):
     force: Array
 
 
+class ForceFilter(NamedTuple):
+    """What forces along k coordinates pass, each (k,).
+
+    Attributes:
+        decay: exp(-Ts/tau) [1].
+        hysteresis: h [N or Nm].
+        dead_band: b [N or Nm].
+    """
+
+    decay: Array
+    hysteresis: Array
+    dead_band: Array
+
+    def step(self, counts: Mask, measured: Array, smooth: Array, kept: Array) -> FilteredForces:
+        """The forces of a tick.
+
+        Args:
+            counts: of which coordinates they are given way to (k,).
+            measured: F_m (k,) [N or Nm].
+            smooth, kept: L and P of the tick before (k,) [N or Nm].
+        """
+        known = np.abs(measured) < _LARGEST_FORCE
+        used = counts & known
+        measured = np.where(used, measured, 0.0)
+        smooth = measured + np.where(used & ~np.isnan(smooth), self.decay * (smooth - measured), 0.0)
+        width = np.minimum(self.hysteresis, np.maximum(self.dead_band, np.abs(smooth)))
+        kept = np.where(used, np.minimum(np.maximum(kept, smooth - width), smooth + width), 0.0)
+        return FilteredForces(known | ~counts, np.where(used, smooth, np.nan), kept, dead_band(kept, self.dead_band))
+
+
 def decay(time_constant: float, period: float) -> float:
     """exp(-Ts/tau) of a low-pass; 0, which is no low-pass, without a time constant."""
     return math.exp(-period / time_constant) if time_constant > 0.0 else 0.0
 
 
-def unfelt(size: int) -> Felt:
+def no_forces(size: int) -> FilteredForces:
     """Forces along coordinates of which none complies."""
-    return Felt(np.ones(size, dtype=bool), np.full(size, np.nan), np.zeros(size), np.zeros(size))
-
-
-def felt(passed: ForceFilter, counts: Mask, measured: Array, smooth: Array, kept: Array) -> Felt:
-    """What the forces are at a tick.
-
-    Args:
-        passed: what they pass.
-        counts: of which coordinates they are given way to (k,).
-        measured: F_m (k,) [N or Nm].
-        smooth, kept: L and P of the tick before (k,) [N or Nm].
-    """
-    known = np.abs(measured) < _LARGEST_FORCE
-    used = counts & known
-    measured = np.where(used, measured, 0.0)
-    smooth = measured + np.where(used & ~np.isnan(smooth), passed.decay * (smooth - measured), 0.0)
-    width = np.minimum(passed.hysteresis, np.maximum(passed.dead_band, np.abs(smooth)))
-    kept = np.where(used, np.minimum(np.maximum(kept, smooth - width), smooth + width), 0.0)
-    return Felt(known | ~counts, np.where(used, smooth, np.nan), kept, dead_band(kept, passed.dead_band))
+    return FilteredForces(np.ones(size, dtype=bool), np.full(size, np.nan), np.zeros(size), np.zeros(size))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from forcectl.tasks.compliance.felt import Felt, ForceFilter, decay, felt, unfelt
+from forcectl.tasks.compliance.force_filter import FilteredForces, ForceFilter, decay, no_forces
 from forcectl.tasks.compliance.parts import AdmittanceGainsConfig
 from tests.tasks.compliance.test_references import NAMES, PERIOD, PHI, Loop, Z, along, mode
 
@@ -16,11 +16,11 @@ def passed(time_constant: float = 0.0, hysteresis: float = 0.0, dead_band: float
     return ForceFilter(*(np.full(2, each) for each in (decay(time_constant, PERIOD), hysteresis, dead_band)))
 
 
-def after(path: ForceFilter, *forces: float, counts: np.ndarray = ALL) -> Felt:
+def after(path: ForceFilter, *forces: float, counts: np.ndarray = ALL) -> FilteredForces:
     """The same forces along both coordinates, tick by tick."""
-    now = unfelt(2)
+    now = no_forces(2)
     for force in forces:
-        now = felt(path, counts, np.full(2, force), now.smooth, now.kept)
+        now = path.step(counts, np.full(2, force), now.smooth, now.kept)
     return now
 
 
