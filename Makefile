@@ -30,7 +30,7 @@ demo: $(VENV)/.installed ## simulate Figure 2.7 of the thesis; prints the result
 test: $(VENV)/.installed-test ## run all tests
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
-quick: $(VENV)/.installed-test ## run all tests but the slow ones, some three minutes on two cores
+quick: $(VENV)/.installed-test ## run all tests but the slow ones, in some minutes
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow"
 
 lint: $(VENV)/.installed-dev ## ruff, mypy, import-linter
