@@ -11,7 +11,7 @@ import numpy as np
 
 from forcectl.diagrams.model import Setting
 from forcectl.diagrams.workcell import Contact, Workcell
-from forcectl.errors import BadInputError, about
+from forcectl.errors import BadInputError, about, bound
 from forcectl.force.chain import ForceChain, Margins
 from forcectl.force.sensor_lag import sensor_response
 from forcectl.framework.linear_batch import state_space
@@ -120,7 +120,9 @@ def loop_margins(parts: Any, setting: Setting) -> list[LoopMargins]:
 def _fault(chain: ForceChain, law: Any, stiffness: float, period: float) -> str:
     """What is wrong with a stiffness [N/m], and the largest that is stable, rounded down."""
     largest = chain.largest_stiffness(stiffness)
-    other = f"at most {_below(largest)} N/m" if largest else "with another controller: no stiffness is stable"
+    other = "with another controller: no stiffness is stable"
+    if largest:
+        other = f"at most {bound(largest, math.floor, 4)} N/m"
     radius = _above_one(chain.spectral_radius(stiffness))
     return (
         f" = {stiffness:g} N/m is unstable with inertia = {law.inertia:g} kg and damping = {law.damping:g} N s/m: the "
@@ -130,12 +132,6 @@ def _fault(chain: ForceChain, law: Any, stiffness: float, period: float) -> str:
 
 def _finite(value: Any) -> bool:
     return not isinstance(value, float) or math.isfinite(value)
-
-
-def _below(value: float) -> str:
-    """A positive number in four digits, rounded down."""
-    unit = 10.0 ** (math.floor(math.log10(value)) - 3)
-    return f"{math.floor(value / unit) * unit:.4g}"
 
 
 def _above_one(radius: float) -> str:

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import copy
 import difflib
+import math
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,18 @@ def show(value: object) -> str:
     except (RecursionError, ValueError):
         text = f"a {type(value).__name__} too large to print"
     return text if len(text) <= 60 else f"{text[:28]}...{text[-29:]}"
+
+
+def bound(value: float, rounded: Callable[[float], int], digits: int = 3) -> str:
+    """A bound for a message, to the side that is admitted.
+
+    Args:
+        value: positive.
+        rounded: `math.floor` of what must be at most that, `math.ceil` of what must be at least that.
+        digits: that are shown.
+    """
+    unit = 10.0 ** (math.floor(math.log10(value)) + 1 - digits)
+    return f"{rounded(value / unit) * unit:.{digits}g}"
 
 
 def one_line(error: BaseException, longest: int | None = None) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from forcectl.arrays import Array
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, bound, invalid
 from forcectl.force.guard.estimate import estimate_of, largest_jump, live_repeats, quiet_bandwidth
 from forcectl.force.guard.first_touch import BEGINS, TURNS, touch_gain
 from forcectl.force.guard.guard import ControllerGuard
@@ -157,7 +157,7 @@ class GuardConfig(Config):
             margin = f", {stiffer:g} times the model's (guard.stiffness_margin)" if stiffer > 1.0 else ""
             fault = (
                 f" = {speed:g} m/s: the first touch comes to {gain * speed:.3g} N on {stiffness:.4g} N/m{margin}: "
-                f"must be at most {_bound(self.maximum_force / strictest, math.floor)} m/s with guard.maximum_force = "
+                f"must be at most {bound(self.maximum_force / strictest, math.floor)} m/s with guard.maximum_force = "
                 f"{self.maximum_force:g} N"
             )
             raise BadInputError(fault, key=key)
@@ -187,7 +187,7 @@ class GuardConfig(Config):
             fault = (
                 f" = {duration:g} s: {1e3 * way:g} mm closer on {stiffness:.4g} N/m makes {force + more:.3g} N of "
                 f"{force:g} N before any command can act: must be at least "
-                f"{_bound(touch_gain(truth, acts, links=links) * way / room, math.ceil)} s with guard.maximum_force = "
+                f"{bound(touch_gain(truth, acts, links=links) * way / room, math.ceil)} s with guard.maximum_force = "
                 f"{self.maximum_force:g} N"
             )
             raise BadInputError(fault, key=key)
@@ -240,9 +240,3 @@ def _along_normals(model: PlantModel, loops: int) -> tuple[Array, Callable[[Arra
 
     rows = np.array([n @ jacobian[3:] for jacobian, n in each(model.start)]).reshape(loops, model.num_joints)
     return rows, direction
-
-
-def _bound(value: float, rounded: Callable[[float], int]) -> str:
-    """A positive bound in three digits, rounded to the side that is admitted."""
-    step = 10.0 ** (math.floor(math.log10(value)) - 2)
-    return f"{rounded(value / step) * step:.3g}"
