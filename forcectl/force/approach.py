@@ -319,7 +319,7 @@ class ApproachConfig(AroundLawConfig, Config):
             raise invalid("touch_speed", self.touch_speed, f"at most speed = {self.speed:g} m/s")
         if self.patience > self.timeout:
             raise invalid("patience", self.patience, f"at most timeout = {self.timeout:g} s")
-        if hasattr(self.law, "excitation"):
+        if any(hasattr(each, "excitation") for each in self.laws_within()):
             fault = " makes an experiment from the start of the run on: must be a law that waits for the hand-over"
             raise BadInputError(fault, key="law")
 

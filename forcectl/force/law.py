@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -176,13 +176,18 @@ class AroundLawConfig:
 
     law: Any
 
+    def laws_within(self) -> Iterator[Any]:
+        """The law, and what that has within it."""
+        inner = self.law
+        while inner is not None:
+            yield inner
+            inner = getattr(inner, "law", None)
+
     def refuse_another(self, what: str) -> None:
         """BadInputError where the law has a part of this kind within it: one with the same outputs."""
-        inner = self.law
-        while inner is not None and not isinstance(inner, type(self)):
-            inner = getattr(inner, "law", None)
-        if inner is not None:
-            raise invalid("law", f"!{type(inner).__name__.removesuffix('Config')}", f"a law, not a second {what}")
+        for each in self.laws_within():
+            if isinstance(each, type(self)):
+                raise invalid("law", f"!{type(each).__name__.removesuffix('Config')}", f"a law, not a second {what}")
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the law; None if it does not tell."""

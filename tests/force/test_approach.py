@@ -131,8 +131,9 @@ def test_a_bad_reading_holds_the_move(bad):
     assert way(log) == [APPROACH]
 
 
-def test_an_experiment_is_refused():
-    tree = parse("controller: !Approach {law: !RecursiveVrft {}}", "own.yaml")
+@pytest.mark.parametrize("law", ["!RecursiveVrft {}", "!Governed {law: !RecursiveVrft {}}"])
+def test_an_experiment_is_refused(law):
+    tree = parse(f"controller: !Approach {{law: {law}}}", "own.yaml")
     with pytest.raises(BadInputError, match=r"controller\.law makes an experiment from the start of"):
         fc.build(tree)
 
