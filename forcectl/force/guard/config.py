@@ -147,11 +147,12 @@ class GuardConfig(Config):
         """
         if self.maximum_force is None or not model.size:
             return
-        strictest, stiffer, gain = 0.0, 1.0, 0.0
-        for times, over in ((1.0, 1.0), (self.stiffness_margin, _OVER)):
-            per_speed = touch_gain(model, TURNS + model.sensor_delay, stiffer=times)
-            if per_speed / over > strictest:
-                strictest, stiffer, gain = per_speed / over, times, per_speed
+        gains = [
+            (touch_gain(model, TURNS + model.sensor_delay, stiffer=stiffer), stiffer, over)
+            for stiffer, over in ((1.0, 1.0), (self.stiffness_margin, _OVER))
+        ]
+        gain, stiffer, over = max(gains, key=lambda each: each[0] / each[2])
+        strictest = gain / over
         if strictest * speed > self.maximum_force:
             stiffness = stiffer / float(np.min(model.environment_compliance))
             margin = f", {stiffer:g} times the model's (guard.stiffness_margin)" if stiffer > 1.0 else ""

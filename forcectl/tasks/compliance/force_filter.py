@@ -42,15 +42,15 @@ class FilteredForces(NamedTuple):
 
 
 class ForceFilter(NamedTuple):
-    """What forces along k coordinates pass, each (k,).
+    """What forces along k coordinates pass.
 
     Attributes:
-        decay: exp(-Ts/tau) [1].
-        hysteresis: h [N or Nm].
-        dead_band: b [N or Nm].
+        decay: exp(-Ts/tau) of all [1].
+        hysteresis: h (k,) [N or Nm].
+        dead_band: b (k,) [N or Nm].
     """
 
-    decay: Array
+    decay: float
     hysteresis: Array
     dead_band: Array
 

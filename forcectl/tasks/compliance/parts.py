@@ -199,7 +199,7 @@ def mode_references(
         inertia=inertia,
         damping=damping,
         filter=ForceFilter(
-            decay=np.full(len(found), decay(gains.smoothing, period)),
+            decay=decay(gains.smoothing, period),
             hysteresis=_of(angular, gains.turn_hysteresis, gains.hysteresis),
             dead_band=_of(
                 angular,

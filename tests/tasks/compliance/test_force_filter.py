@@ -13,7 +13,7 @@ ALL = np.ones(2, dtype=bool)
 
 
 def passed(time_constant: float = 0.0, hysteresis: float = 0.0, dead_band: float = 0.0) -> ForceFilter:
-    return ForceFilter(*(np.full(2, each) for each in (decay(time_constant, PERIOD), hysteresis, dead_band)))
+    return ForceFilter(decay(time_constant, PERIOD), np.full(2, hysteresis), np.full(2, dead_band))
 
 
 def after(path: ForceFilter, *forces: float, counts: np.ndarray = ALL) -> FilteredForces:
