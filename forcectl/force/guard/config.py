@@ -1,4 +1,4 @@
-"""Scenario part `guard`: what stands between every controller and the robot."""
+"""Scenario part `guard`: the block between every controller and the robot that checks readings and commands."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from forcectl.force.kinematic_inversion import joint_direction
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 
-_LARGEST = 1e4  # [N] that a force can be where the range of a sensor is not known
-_MEASURED = 0.9  # of the range, up to which a force is still measured
-_PULL = 0.02  # of the range, below which the reading of a surface that cannot pull is implausible
-_SETTLES = 0.08  # [s] after which, and the sensor's lag, a way of the command is worth its force
-_EXPLAINED = 0.1  # [s] for which a way of the command explains a rate of the force
-_FORGOTTEN = 2.0  # [s] after which energy that went into a surface counts for a third
-_OVER = 1.2  # of the largest force, that a surface stiffer than the model's may come to
-_LOSSES = 8  # of contact that are no hopping
-_DEEPER = 0.05  # of the range: what a live sensor shows of the way for it
+_LARGEST = 1e4  # [N] largest plausible force where the sensor's range is infinite
+_MEASURED = 0.9  # of the sensor's range: default of maximum_force
+_PULL = 0.02  # of the sensor's range: a larger pull is implausible where the surface cannot pull
+_SETTLES = 0.08  # [s] time constant, plus the sensor's lag, with which the force should follow the command
+_EXPLAINED = 0.1  # [s] time constant with which the rate explained by a displacement of the command decays
+_FORGOTTEN = 2.0  # [s] time constant with which the energy that went into a surface decays
+_OVER = 1.2  # of maximum_force: allowed in the first touch of a surface stiffer than the model's
+_LOSSES = 8  # number of contact losses that do not count as bouncing
+_DEEPER = 0.05  # of the sensor's range: its reading must change over the displacement that gives this force
 _LONGEST_RETREAT = 60.0  # [s]
 
 
@@ -37,43 +37,74 @@ class GuardConfig(Config):
     """Scenario part `guard`; `guard: null` leaves it out."""
 
     maximum_force: float | None = key(
-        None, "true force, with the sensor's lag; null: 0.9 of the sensor's range", unit="N", bounds="positive"
+        None,
+        "largest true contact force, estimated ahead of the sensor's lag; null: 0.9 of the sensor's range",
+        unit="N",
+        bounds="positive",
     )
     reaction_time: float = key(
-        0.12, "by which a force that rises to maximum_force is looked at ahead", unit="s", bounds="from 0 to 1"
+        0.12,
+        "prediction horizon: the guard retreats if a rising force would pass maximum_force within it",
+        unit="s",
+        bounds="from 0 to 1",
     )
     maximum_speed: float = key(
         25.0,
-        "of the displacement command of a force law, derivative kicks and all",
+        "largest accepted speed of a force law's displacement command, derivative kicks included",
         unit="m/s",
         bounds="from 1e-06 to 10000",
     )
-    joint_speed: float = key(5.0, "of joint commands, in limits of the joints", bounds="from 0.01 to 1000")
-    slow_speed: float = key(
-        0.02, "into the surface, at which a command is caught up with", unit="m/s", bounds="from 1e-06 to 1"
+    joint_speed: float = key(
+        5.0,
+        "largest accepted speed of joint commands, as a multiple of the joint speed limits",
+        bounds="from 0.01 to 1000",
     )
-    frozen_time: float = key(0.1, "for which a sensor with noise may repeat itself", unit="s", bounds="from 0.01 to 10")
+    slow_speed: float = key(
+        0.02,
+        "initial speed into the surface at which the guarded command catches up with the controller's",
+        unit="m/s",
+        bounds="from 1e-06 to 1",
+    )
+    frozen_time: float = key(
+        0.1,
+        "time for which a sensor with noise may repeat its reading before it counts as frozen",
+        unit="s",
+        bounds="from 0.01 to 10",
+    )
     least_response: float = key(
-        0.25, "of the force that the way into the surface is worth by the model; 0: any", bounds="from 0 to 1"
+        0.25,
+        "smallest accepted ratio of the measured force to the one the model predicts for the displacement into the "
+        "surface; 0: no check",
+        bounds="from 0 to 1",
     )
     energy: float = key(
         2.0,
-        "that goes into the surface within about 2 s, beyond the elastic one of maximum_force",
+        "largest energy into the surface within about 2 s, beyond the elastic energy at maximum_force",
         unit="J",
         bounds="from 0.001 to 1000",
     )
     stiffness_margin: float = key(
         10.0,
-        "times the model's stiffness that a surface may have where it is approached, for 1.2 times maximum_force",
+        "stiffest surface of an approach, in multiples of the model's stiffness: its first touch must stay below 1.2 "
+        "times maximum_force",
         bounds="from 1 to 1000",
     )
     search_distance: float = key(
-        0.01, "way beyond the last contact, to find it again", unit="m", bounds="above 0 and at most 1"
+        0.01,
+        "largest displacement beyond the last contact in search of a surface that was lost",
+        unit="m",
+        bounds="above 0 and at most 1",
     )
-    patience: float = key(0.3, "for which a command is held before the retreat", unit="s", bounds="from 0 to 60")
-    retreat_distance: float = key(0.01, "along the normals", unit="m", bounds="from 0.0001 to 1")
-    retreat_speed: float = key(0.05, "of it", unit="m/s", bounds="from 0.001 to 2")
-    retreats: int = key(3, "from the largest force, before the stop", bounds="from 0 to 1000")
+    patience: float = key(
+        0.3, "time for which the guard holds a command before it retreats", unit="s", bounds="from 0 to 60"
+    )
+    retreat_distance: float = key(
+        0.01, "largest distance of a retreat along the surface normals", unit="m", bounds="from 0.0001 to 1"
+    )
+    retreat_speed: float = key(0.05, "speed of a retreat from the surface", unit="m/s", bounds="from 0.001 to 2")
+    retreats: int = key(
+        3, "number of retreats from too large a force, before the guard stops for good", bounds="from 0 to 1000"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -84,7 +115,7 @@ class GuardConfig(Config):
             raise invalid("retreat_distance", self.retreat_distance, allowed)
 
     def limits(self, model: PlantModel, index: int = 0) -> GuardLimits:
-        """What the guard of a loop goes by.
+        """The limits and filter coefficients of the guard of one loop.
 
         Args:
             model: of the plant.
@@ -123,7 +154,7 @@ class GuardConfig(Config):
             response=self.least_response,
             energy=self.energy + 0.5 * own * force**2,
             keep=math.exp(-period / _FORGOTTEN),
-            # A surface that pulls is never lost.
+            # Contact with a surface that pulls cannot be lost.
             search=math.inf if model.pulls else self.search_distance,
             losses=math.inf if model.pulls else _LOSSES,
             patience=max(self.patience / period, 1.0),
@@ -133,14 +164,14 @@ class GuardConfig(Config):
         )
 
     def check_approach(self, model: PlantModel, key: str, speed: float) -> None:
-        """Refuse a speed at which no retreat keeps the force of the first touch small enough.
+        """Refuse an approach speed at which even a retreat cannot keep the force of the first touch within its limit.
 
-        That is `maximum_force`, and 1.2 times as much on a surface `stiffness_margin` times as stiff as the model's.
+        The limit is `maximum_force`; on a surface `stiffness_margin` times as stiff as the model's, 1.2 times as much.
 
         Args:
             model: of the plant.
             key: of the speed.
-            speed: at which the surface is met [m/s].
+            speed: of the tool when it meets the surface [m/s].
 
         Raises:
             BadInputError: with the numbers.
@@ -166,15 +197,15 @@ class GuardConfig(Config):
     def check_closing(
         self, truth: PlantModel, key: str, way: float, duration: float, force: float, *, links: bool
     ) -> None:
-        """Refuse a surface that comes closer so fast that it makes more than `maximum_force` before a command acts.
+        """Refuse a surface that moves closer so fast that the force passes `maximum_force` before a command can act.
 
         Args:
             truth: the plant with the one surface.
             key: of the duration.
-            way: that it comes closer [m].
-            duration: of it [s].
-            force: that it is pressed with before [N].
-            links: whether they have mass.
+            way: displacement of the surface towards the tool [m].
+            duration: of that displacement [s].
+            force: contact force before it [N].
+            links: whether the links of the robot have mass.
 
         Raises:
             BadInputError: with the numbers.
@@ -194,7 +225,7 @@ class GuardConfig(Config):
             raise BadInputError(fault, key=key)
 
     def of_law(self, model: PlantModel, rates: bool = False) -> ControllerGuard:
-        """The guard of a force law; `rates`: one that gives the speed of its command, too."""
+        """The guard of a force law; `rates`: whether the law also outputs the velocity of its command."""
         period = model.period
         steps = DisplacementSteps(self.maximum_speed * period, self.slow_speed * period)
         return ControllerGuard(self._each(model), steps, np.zeros(model.size), loops=model.size, rates=rates)
@@ -204,7 +235,7 @@ class GuardConfig(Config):
         return [self.limits(model, index) for index in range(max(model.size, 1))]
 
     def passes(self, model: PlantModel, desired: Array, measured: Array, command: Array) -> bool:
-        """Whether the guard of a force law would have passed on a run that had none; see `passes`."""
+        """Whether the guard of a force law would have passed every tick of a run without a guard; see `passes`."""
         return passes(self.limits(model), self.maximum_speed * model.period, desired, measured, command)
 
     def of_joints(self, model: PlantModel, loops: int, rates: bool = False) -> ControllerGuard:
@@ -212,9 +243,9 @@ class GuardConfig(Config):
 
         Args:
             model: of the plant.
-            loops: force loops whose forces the controller reads; without any, `maximum_force` is of the estimated force
-                on each arm.
-            rates: whether it gives the speed of its command, too.
+            loops: number of force loops whose forces the controller reads; with 0, `maximum_force` limits the
+                estimated force on each arm.
+            rates: whether the controller also outputs the velocity of its command.
         """
         robot, start, period = model.known_robot(), model.start, model.period
         largest = self.joint_speed * robot.limits.velocity * period
@@ -226,7 +257,7 @@ class GuardConfig(Config):
 
 
 def _along_normals(model: PlantModel, loops: int) -> tuple[Array, Callable[[Array], Array]]:
-    """Displacement per joint motion at the start (k, n) [m/rad], and what gives the joint motion along the normals."""
+    """Displacement along each normal per joint motion at the start (k, n) [m/rad], and joint motion along normals."""
 
     def each(position: Array) -> list[tuple[Array, Array]]:
         found = []

@@ -1,4 +1,4 @@
-"""How fast the true force behind the lag of its sensor may be estimated, and what its readings can show."""
+"""Bandwidth of the estimate of the true force behind its sensor's lag, and what the sensor's readings can show."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import math
 
 _AHEAD = 32.0  # largest bandwidth of the estimate, in bandwidths of the sensor
 _FASTEST = 0.8  # largest bandwidth of the estimate, times a tick
-_MADE_UP = 0.8  # of the sensor's lag: with all of it, rises that a law ends by itself look like more than there will be
-_NEVER = 1e-9  # probability of equal readings that a live sensor does not show
-_QUIET = 0.04  # standard deviation of a force looked at ahead, of the largest force
+_MADE_UP = 0.8  # compensated share of the sensor's lag: with 1, a rise that the law ends itself is overestimated
+_NEVER = 1e-9  # probability of equal readings in a row below which a live sensor does not show them
+_QUIET = 0.04  # standard deviation of a predicted force, as a share of the largest force
 
 
 def estimate_of(
     bandwidth: float, damping_ratio: float, period: float, most: float = math.inf
 ) -> tuple[float, float, float]:
-    """(lag, square, share) of `GuardLimits` for a sensor.
+    """The coefficients (lag, square, share) of `GuardLimits` for a sensor.
 
     Args:
         bandwidth: w [rad/s].
@@ -27,11 +27,11 @@ def estimate_of(
         return 0.0, 0.0, 1.0
     ticks = ahead * bandwidth * period
     lead = _MADE_UP * ahead
-    return 2 * damping_ratio * lead, lead**2, ticks / (1.0 + ticks)  # of a filter that is 1/a late for a ramp
+    return 2 * damping_ratio * lead, lead**2, ticks / (1.0 + ticks)  # of a filter with the lag 1/a on a ramp
 
 
 def quiet_bandwidth(noise: float, force: float, ahead: float, period: float) -> float:
-    """Bandwidth a of the estimate [rad/s] at which the noise of a force looked at ahead stays small.
+    """Bandwidth a of the estimate [rad/s] at which the noise of a predicted force stays small.
 
     White noise of the readings behind T_r s/(s/a + 1)^3 has the standard deviation sigma T_r sqrt(a^3 Ts)/4.
 
@@ -58,10 +58,10 @@ def largest_jump(bandwidth: float, period: float, force: float) -> float:
 
 
 def live_repeats(noise: float, quantum: float, bandwidth: float, period: float) -> float:
-    """Equal readings in a row that a sensor does not show as long as it lives; infinite without noise [ticks].
+    """Equal readings in a row that a live sensor does not show; infinite without noise [ticks].
 
-    A filter shows all that comes before it. Without one, readings of a force in the middle of a step stay the same with
-    the probability that the noise does not leave the step.
+    With noise in front of a filter every reading differs from the last one. Without a filter, readings of a force in
+    the middle of a quantisation step stay the same with the probability that the noise does not leave the step.
 
     Args:
         noise: standard deviation per tick [N].

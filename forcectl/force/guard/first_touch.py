@@ -1,11 +1,11 @@
-"""Force of a first touch, by which a guard says how fast a surface may be approached, or may come closer::
+"""Force of a first touch, from which the guard limits the speed of an approach, or of a surface that comes closer::
 
     M w'' + D w' + K_J w = J'n F,    F = K_E (v t - n'J w),    w = w' = 0 at the touch                 until t = T
 
-The drives move on at the speed v for the time T until sensor, estimate and drives have turned the motion round. The
-links hang on the springs K_J and dampers D of the joints, which w deflects; the surface stops them at once, and so they
-swing around the ramp v t/(C_R + C_E) of the springs alone. F is linear in v; its largest value until T is taken. A
-surface that comes closer at the speed v adds F to the force that is there.
+The drives move on at the speed v for the time T until sensor, estimate and drives have reversed the motion. The links
+are on the springs K_J and dampers D of the joints, with the deflection w. The surface stops the links at once, so the
+force oscillates around the ramp v t/(C_R + C_E) of the springs alone. F is linear in v; its largest value until T is
+taken. A surface that comes closer at the speed v adds F to the force that is there.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from scipy.linalg import expm
 from forcectl.arrays import Array
 from forcectl.plant.plant_model import PlantModel
 
-# T [s]: the drives of the COMAU turn round after 0.021 to 0.030 s on 1e4 to 1e6 N/m.
+# T [s]: the drives of the COMAU reverse after 0.021 to 0.030 s on 1e4 to 1e6 N/m.
 TURNS = 0.030
-# T [s] of a surface that comes closer: the drives rest, and begin to go back after 0.008 to 0.015 s.
+# T [s] of a surface that comes closer: the drives are at rest, and begin to retreat after 0.008 to 0.015 s.
 BEGINS = 0.015
-_STEP = 2e-4  # [s] in which the largest force is looked for
+_STEP = 2e-4  # [s] time step of the search for the largest force
 
 
 def swinging_gain(mass: Array, damping: Array, springs: Array, row: Array, stiffness: float, duration: float) -> float:
-    """Largest force of a touch per speed of the drives, links on joint springs and all [N s/m].
+    """Largest force of a touch per speed of the drives, with the links on the joint springs [N s/m].
 
     Args:
         mass: M, shape (n, n) [kg m2].
@@ -56,8 +56,8 @@ def touch_gain(model: PlantModel, duration: float, *, stiffer: float = 1.0, link
     Args:
         model: of the plant.
         duration: T [s].
-        stiffer: how many times as stiff as the model's the surfaces are.
-        links: whether they have mass.
+        stiffer: stiffness of the surfaces in multiples of the model's.
+        links: whether the links of the robot have mass.
     """
     gains = []
     for i in range(model.size):
@@ -67,7 +67,7 @@ def touch_gain(model: PlantModel, duration: float, *, stiffer: float = 1.0, link
         if links and own.robot is not None and robot_compliance > 0:
             robot, context = own.robot, own.robot.context_at(own.start)
             row = own.n @ robot.jacobian(context)[3:]
-            # Springs that give as much as the robot of the model does, drives that give included.
+            # Scaled to the model's C_R along the normal, which includes the compliance of the drives.
             springs = robot.joint_stiffness * np.sum(row**2 / robot.joint_stiffness) / robot_compliance
             damping = np.broadcast_to(robot.parameters.transmission_damping, row.shape)
             mass = robot.mass_matrix(context)

@@ -1,4 +1,4 @@
-"""The guard of a controller: a block between readings, controller and plant, see `readings` and `reaction`."""
+"""The guard of a controller: a block between sensors, controller and plant, see `readings` and `reaction`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FAULT, _RELEASED, _READING, _ASKED, _FAST = map(
 
 
 class ControllerGuard(PythonBlock):
-    """Guards k force loops: forces that a controller reads, and the command of m numbers that it gives.
+    """Checks the forces of k force loops that a controller reads, and its command of m numbers.
 
     ```
     name: ControllerGuard
@@ -32,31 +32,31 @@ class ControllerGuard(PythonBlock):
     output_ports: [forces (optional), guarded]
     ```
 
-    `forcectl.diagrams.guarded.guarded` puts it around a controller, and takes its outputs apart.
+    `forcectl.diagrams.guarded.guarded` puts it around a controller, and separates the parts of its outputs.
 
     desired_force, measured_force: shape (k,) [N]; left out for k = 0.
-    command: shape (m,), of the controller [m or rad]. command_rate: shape (m,), its speed [m/s or rad/s], where it
-    gives one.
-    estimated_wrench: shape (6a,), of the environment on each arm, [torque; force] [Nm, N]; where there are arms.
-    forces: shape (29k,), guarded desired forces (k,), guarded readings (k,), what the tick makes of the readings [N].
-    Feedthrough of desired_force and measured_force.
-    guarded: shape (2m + 9,) or (3m + 9,), guarded command (m,), status, what the block remembers of the tick
-    [m or rad]; with a command_rate the guarded one (m,) is behind it. Feedthrough of all inputs.
+    command: shape (m,), of the controller [m or rad]. command_rate: shape (m,), its velocity [m/s or rad/s]; the port
+    exists with `rates`.
+    estimated_wrench: shape (6a,), of the environment on each arm, [torque; force] [Nm, N]; the port exists with `arms`.
+    forces: shape (29k,), guarded desired forces (k,), guarded readings (k,), memory of the loops after the tick (27k,)
+    [N]. Feedthrough of desired_force and measured_force.
+    guarded: shape (2m + 9,) or (3m + 9,), guarded command (m,), status, memory of the block after the tick (m + 8,)
+    [m or rad]; with a command_rate the guarded rate (m,) comes last. Feedthrough of all inputs.
 
-    Where it acts, all of `forces` and `guarded` answer to every input at once; `passed_elements` is what they follow
-    while it passes on.
+    While the guard intervenes, every element of `forces` and `guarded` depends on every input in the same tick. While
+    it passes the command on, `passed_elements` lists the elements that follow each input.
 
     The status is 0 while the command is passed on, bit for bit, else 100 times the `Reaction` and 10 times the `Cause`.
 
-    Sampling: every `period` [s]; no delay. Between ticks outputs are held, but for a command that is passed on.
+    Sampling: every `period` [s]; no delay. Between ticks the outputs are held, except a command that is passed on.
 
     Args:
-        limits: what it goes by, of each loop; of one that there could be for k = 0.
-        steps: of the command.
+        limits: limits and filter coefficients of each loop; for k = 0 of one nominal loop.
+        steps: accepted steps of the command, and its direction away from the surfaces.
         start: command before the first tick, shape (m,) [m or rad].
         loops: k.
         rates: whether there is a command_rate.
-        arms: a, whose forces are looked at in place of those of loops.
+        arms: a, number of arms whose estimated forces are checked in place of those of loops.
     """
 
     port_units = {"forces": "N"}
@@ -146,20 +146,20 @@ class ControllerGuard(PythonBlock):
         command, shift = state[:m], state[-m:]
         _, last, reaction, _, _, retreats, held, _, _ = state[m:-m]
         if now - last < self._soonest:
-            # What a controller of its own rhythm gives between ticks.
+            # A controller with another period may change its command between ticks.
             if reaction == 0.0 and not any(shift) and self._steps.within(raw, command):
                 state[:m] = raw
             return state
         fault, released, fast = self._found(context)
         if not (fault or reaction or held or any(shift)) and self._steps.within(raw, command):
-            # What `decide` does, in a fifth of the time.
+            # The result of `decide`, in a fifth of the time.
             return [*raw, 0.0, now, 0.0, 0.0, 0.0, retreats, 0.0, 0.0, 0.0, *shift]
         block = [now, *state[m + 2 : -m]]
         block, command, shift = decide(self._limits, block, fault, released, fast, command, raw, shift, self._steps)
         return [*command, 100.0 * block[1] + 10.0 * block[2], *block, *shift]
 
     def _found(self, context: Context) -> tuple[float, float, float]:
-        """The worst fault of the loops, the least of what they say of the end of a retreat, the farthest fast one."""
+        """The largest `fault`, the smallest `released` and the largest `fast` of all loops, see `LoopMemory`."""
         k = self._loops
         if k == 0:
             return self._of_arms(context), 1.0, 0.0
@@ -171,7 +171,7 @@ class ControllerGuard(PythonBlock):
         return tuple(each.item() for each in every)
 
     def _of_arms(self, context: Context) -> float:
-        """What is wrong with the forces on the arms."""
+        """`Cause` of a fault in the estimated forces on the arms; 0 for none."""
         if not self._wrench:
             return Cause.NONE
         forces = self._wrench.Eval(context).reshape(-1, 6)[:, 3:]
@@ -187,6 +187,6 @@ class ControllerGuard(PythonBlock):
             state[self._size :] = self._forces.Eval(context)[2 * self._loops :]
 
     def sizes(self) -> tuple[Sequence[int], Sequence[int]]:
-        """How `forces` and `guarded` are taken apart: (k, k, rest) and (m, 1, rest), with rates (m, 1, rest, m)."""
+        """Sizes of the parts of `forces` and `guarded`: (k, k, rest) and (m, 1, rest), with rates (m, 1, rest, m)."""
         parts = [self._m, 1, BLOCK + self._m]
         return (self._loops, self._loops, LOOP * self._loops), parts + [self._m] * bool(self._rate)

@@ -1,4 +1,4 @@
-"""What a guard goes by, what it finds, and what it does."""
+"""Limits, reactions and causes of a guard."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from enum import IntEnum
 
 Numbers = list[float]
 
-APART = 2.0  # in place of `LoopMemory.released`: the surface is not felt
+APART = 2.0  # value of `LoopMemory.released` while there is no contact
 
 
 class Reaction(IntEnum):
-    """What the guard does; the hundreds of its status."""
+    """Reaction of the guard; the hundreds digit of its status."""
 
     PASS = 0
     HOLD = 1
@@ -21,7 +21,7 @@ class Reaction(IntEnum):
 
 
 class Cause(IntEnum):
-    """Why; the tens of its status."""
+    """Cause of the reaction; the tens digit of the status."""
 
     NONE = 0
     READING = 1
@@ -36,35 +36,36 @@ class Cause(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class GuardLimits:
-    """What the guard goes by.
+    """Limits and filter coefficients of the guard of one loop.
 
     Attributes:
         period: tick [s].
-        highest, lowest: plausible readings [N].
+        highest, lowest: largest and smallest plausible reading [N].
         jump: largest second difference of readings [N]; infinite without a filter.
         desired: largest plausible desired force [N].
         force: largest true force [N].
-        lag, square: 2 z b a/w and (b a/w)^2 of the estimate [1].
-        share: of a tick in the estimate's filters [1]; 1 where the sensor has no lag.
-        ahead: T_r [s].
-        turn: of what the command's own way explains [s].
-        settle_own: of a tick in the lag until the estimate shows a way of the command [1].
-        keep_own: of a rate that such a way explains, in a tick [1].
-        repeats: ticks of equal readings that a live sensor does not show; infinite for one without noise.
-        same: ticks of equal readings of a frozen sensor; the same.
-        deeper: way into the surface on which a live sensor shows something else [m].
+        lag, square: coefficients 2 z b a/w and (b a/w)^2 of the estimate [1].
+        share: weight of a sample in the estimate's filters [1]; 1 where the sensor has no lag.
+        ahead: T_r, the prediction horizon [s].
+        turn: least prediction horizon of a rate that the command's displacement explains [s].
+        settle_own: weight of a sample in the lag with which the estimate shows a displacement of the command [1].
+        keep_own: factor per tick with which the rate explained by such a displacement decays [1].
+        repeats: equal readings in a row that a live sensor does not show [ticks]; infinite for one without noise.
+        same: equal readings in a row of a frozen sensor [ticks]; infinite for one without noise.
+        deeper: displacement into the surface over which the reading of a live sensor changes [m].
         compliance: C_T of the model [m/N].
-        gap: way to the surface at the start [m].
-        settle: of a tick in the lag of the depth [1].
-        response: least reading, in what the way into the surface is worth [1].
-        energy: largest that goes into the surface [J].
-        keep: of the energy, in a tick [1].
-        search: way beyond the last contact on which a surface is looked for [m]; infinite where surfaces pull.
-        losses: of contact that are no hopping; infinite where surfaces pull.
-        patience: ticks that are held before a retreat.
-        retreats: that are made before it stops.
-        retreat: distance [m].
-        back: step of a retreat [m].
+        gap: distance to the surface at the start [m].
+        settle: weight of a sample in the lag of the depth [1].
+        response: least ratio of the reading to the force modelled for the displacement into the surface [1].
+        energy: largest energy into the surface [J].
+        keep: factor per tick with which that energy decays [1].
+        search: largest displacement beyond the last contact in search of a lost surface [m]; infinite where surfaces
+            pull.
+        losses: number of contact losses that do not count as bouncing; infinite where surfaces pull.
+        patience: ticks of hold before a retreat.
+        retreats: number of retreats before a stop.
+        retreat: largest distance of a retreat [m].
+        back: step of a retreat per tick [m].
     """
 
     period: float

@@ -1,4 +1,4 @@
-"""Whether a guard would have passed on all of a run without one: `readings.read` for every tick of a log at once."""
+"""Whether a guard would have passed every tick of a run without one: `readings.read` for all ticks of a log at once."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from forcectl.arrays import Array, Indices
 from forcectl.force.guard.limits import GuardLimits
 from forcectl.force.guard.readings import FELT, STIFFER, TOGETHER
 
-_ROUNDING = 1e-9  # of a limit, within which this gives no answer of its own
+_ROUNDING = 1e-9  # of a limit: closer to it than this, the answer is "no"
 _SURE = 1.0 - _ROUNDING
 
 
 def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: Array, command: Array) -> bool:
-    """Whether the guard of a force law passes at every tick; "no" also where that is not certain.
+    """Whether the guard of a force law passes the command on at every tick; false also where that is not certain.
 
     Args:
-        limits: what the guard goes by.
-        largest_step: of a sound command in a tick [m].
+        limits: limits of the guard.
+        largest_step: largest accepted step of the command in a tick [m].
         desired: force (k,) [N].
         measured: force (k,) [N].
-        command: displacement, pressing is negative (k,) [m].
+        command: displacement, negative into the surface (k,) [m].
     """
     if not (np.isfinite(desired).all() and np.isfinite(measured).all() and np.isfinite(command).all()):
         return False
@@ -40,7 +40,7 @@ def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: A
 
 
 def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
-    """Whether the estimated true forces are plausible and, looked at ahead, small enough."""
+    """Whether the estimated true forces are plausible, and the predicted ones small enough."""
     from scipy.signal import lfilter  # loads for most of a second; only batches need it
 
     share, first = limits.share, measured[0]
@@ -67,7 +67,10 @@ def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
 
 
 def _between_new(measured: Array) -> tuple[Array, Indices]:
-    """Readings, those that repeat the last one on the way to the next; and at each tick, the last one that is known."""
+    """Readings, with repeated ones interpolated up to the next new one; and at each tick the index of the last certain.
+
+    A reading is certain if it is new, or has repeated itself for more than `TOGETHER` ticks.
+    """
     tick, new = np.arange(len(measured)), np.diff(measured, prepend=np.nan) != 0.0
     run = np.cumsum(new) - 1
     goes_on = np.bincount(run)[run] - 1 > TOGETHER
@@ -78,7 +81,7 @@ def _between_new(measured: Array) -> tuple[Array, Indices]:
 
 
 def _held(values: Array, keep: float) -> Array:
-    """Each value, or what is kept of one before it; not negative."""
+    """The largest of each value and all earlier ones, which decay by `keep` per tick; not negative."""
     with np.errstate(divide="ignore"):
         logs = np.log(np.maximum(values, 0.0)) - np.arange(len(values)) * np.log(keep)
     return np.exp(np.maximum.accumulate(logs) + np.arange(len(values)) * np.log(keep))
@@ -90,7 +93,7 @@ def _before(command: Array) -> Array:
 
 
 def _frozen(limits: GuardLimits, measured: Array, command: Array) -> bool:
-    """Whether readings repeat themselves for too long, or while the command goes deeper."""
+    """Whether readings repeat themselves for too long, or while the command moves into the surface."""
     tick = np.arange(len(measured))
     before = _before(command)
     start = np.maximum.accumulate(np.where(np.diff(measured, prepend=np.nan) != 0.0, tick, 0))
@@ -100,7 +103,7 @@ def _frozen(limits: GuardLimits, measured: Array, command: Array) -> bool:
 
 
 def _lost(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:
-    """Whether contact is lost too often, or looked for too far."""
+    """Whether contact is lost too often, or a lost surface is searched for too far."""
     tick = np.arange(len(measured))
     before = _before(command)
     asks, feels = desired > 0.0, measured > FELT * desired
@@ -111,7 +114,7 @@ def _lost(limits: GuardLimits, desired: Array, measured: Array, command: Array) 
 
 
 def _answers(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:
-    """Whether readings answer to the way into the surface, also after they have done so, and little energy goes in."""
+    """Whether readings respond to the displacement into the surface throughout, and little energy goes into it."""
     from scipy.signal import lfilter
 
     before = _before(command)

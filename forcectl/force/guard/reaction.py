@@ -1,4 +1,4 @@
-"""What the guard does about what is wrong at a tick, in plain numbers: the reaction, and the guarded command."""
+"""Reaction of the guard to the fault of a tick, and the guarded command; in Python floats."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ from typing import Protocol
 
 from forcectl.force.guard.limits import APART, Cause, GuardLimits, Numbers, Reaction
 
-# Memory of the block: time, reaction, cause, ticks in the reaction, retreats, ticks held, how far a retreat has gone
-# and is to be fast.
+# Memory of the block: time, reaction, cause, ticks in the reaction, retreats, ticks held, distance of the retreat so
+# far, distance over which it is to be fast.
 BLOCK = 8
 
-_TINY = 1e-9  # [m] of a distance
-_RECOVERY = 0.1  # of a tick held, that a sound tick makes up for
-_CREEP = 0.1  # of the retreat's speed, at which a surface is looked for after it
-_NOT_ALL = 0.5  # of the retreat, that is fast: the rest is for seeing what it does
-_FASTER = 50.0  # of the retreat's speed, on the way that the force is worth by the model
-_GAIN = 0.25  # [s] in which the speed doubles at which a command is caught up with
-_AT_ONCE = (Cause.FORCE, Cause.CONTACT, Cause.RESPONSE, Cause.ENERGY)  # retreat without a hold before it
+_TINY = 1e-9  # [m] tolerance of a distance
+_RECOVERY = 0.1  # ticks of hold that one sound tick cancels
+_CREEP = 0.1  # of the retreat's speed: speed at which the surface is searched for after a retreat
+_NOT_ALL = 0.5  # of the retreat's distance, that may be fast: over the rest the effect on the force is observed
+_FASTER = 50.0  # of the retreat's speed: largest speed of its fast part
+_GAIN = 0.25  # [s] time after which the catching-up speed has doubled; it rises linearly
+_AT_ONCE = (Cause.FORCE, Cause.CONTACT, Cause.RESPONSE, Cause.ENERGY)  # cause a retreat without a hold before it
 
 
 class Steps(Protocol):
-    """What is known of the command, of m numbers.
+    """Accepted steps of a command of m numbers, and its direction away from the surfaces.
 
     Attributes:
-        away: whether there is a way away from surfaces.
+        away: whether such a direction exists.
     """
 
     away: bool
 
     def depths(self, command: Numbers) -> Numbers:
-        """Displacement along the normal of each loop, pressing is negative [m]."""
+        """Displacement along the normal of each loop, negative into the surface [m]."""
 
     def within(self, wanted: Sequence[float], command: Sequence[float]) -> bool:
-        """Whether a step from `command` is no larger than one of a sound controller; no if it is not finite."""
+        """Whether the step from `command` is within the largest accepted one; false if it is not finite."""
 
     def approach(self, wanted: Numbers, command: Numbers, factor: float) -> tuple[Numbers, bool]:
-        """One slow step, times `factor`, from `command`; and whether it arrives."""
+        """`command` after one slow step, times `factor`, towards `wanted`; and whether it arrives there."""
 
     def back(self, command: Numbers, distance: float) -> Numbers:
         """`command` moved by `distance` [m] along the normals."""
@@ -54,17 +54,17 @@ def decide(
     shift: Numbers,
     steps: Steps,
 ) -> tuple[Numbers, Numbers, Numbers]:
-    """Memory of the block, guarded command, and its shift against the controller's, after a tick.
+    """Memory of the block, guarded command, and its offset from the controller's command, after a tick.
 
     Args:
-        limits: what the guard goes by.
+        limits: limits of the guard.
         block: memory of the tick before.
-        fault: `Cause` of the worst of the loops; 0 for none.
-        released: the least of the loops: whether a retreat may end, or `APART`.
-        fast: the most of the loops: how far a retreat is to be fast [m].
+        fault: largest `Cause` of the loops; 0 for none.
+        released: smallest of the loops: 1 if a retreat may end, `APART` without contact, else 0.
+        fast: largest of the loops: distance over which a retreat is to be fast [m].
         command: guarded command of the tick before, m numbers [m or rad].
         raw: command of the controller, m numbers.
-        shift: of the tick before, m numbers.
+        shift: that offset in the tick before, m numbers.
         steps: of the command.
     """
     time, reaction, cause, since, retreats, held, gone, quick = block
@@ -109,7 +109,7 @@ def decide(
 def _react(
     fault: float, fast: bool, finite: bool, reaction: float, cause: float, creeps: bool, away: bool
 ) -> tuple[float, float]:
-    """Reaction and cause from those of the tick before, while the guard passes, holds or slows down."""
+    """Next reaction and cause, from those of the tick before, while the guard passes, holds or slows down."""
     if (fault in _AT_ONCE or fast) and away:
         return Reaction.RETREAT, fault
     if fault or not finite:

@@ -1,21 +1,21 @@
-"""What the guard makes of the readings of a loop at a tick, in plain numbers.
+"""How the guard checks the readings of a loop at a tick; in Python floats.
 
-A reading y is plausible within the range R of the sensor, where what is estimated of it is no pull of a surface that
-cannot pull, and when the filter of the sensor can show it::
+A reading y is plausible within the range R of the sensor, if the force estimated from it is no pull of a surface that
+cannot pull, and if the filter of the sensor can show its second difference::
 
     |y| <= R,    |y[k] - 2 y[k-1] + y[k-2]| <= 4 R (w Ts)^2
 
-The true force is estimated ahead of a share b of the sensor's lag, by its inverse up to a bandwidth a, and looked at
-T_r ahead::
+The estimate F of the true force compensates a share b of the sensor's lag, by the inverse of the sensor's filter up to
+a bandwidth a. It is predicted over the horizon T_r::
 
     F = (b^2 s^2/w^2 + 2 z b s/w + 1)/(s/a + 1)^2 y,    F_ahead = F + T_r (max(F', 0) - F'_x) + min(F_u, T_r F'_x)
 
-F'_x is what the way x of the command explains of the rate by the model's compliance C_T, on a surface up to c times as
-stiff as the model's, and F_u what is still to be seen of that way: less than T_r F'_x where the command slows down.
-Nothing explains a surface that comes closer.
+F'_x is the part of the rate F' that the displacement x of the command explains by the model's compliance C_T, on a
+surface up to c times as stiff as the model's. F_u is the force of that displacement which the estimate does not show
+yet: less than T_r F'_x where the command slows down. The motion of a surface that comes closer is never explained.
 
-The way x of the command, behind a lag T, is worth a force by the model's compliance C_T, from the surface x_0 on; the
-energy E that goes into the surface is forgotten with the time constant T_E::
+F_x is the force that the model predicts, by C_T, for the displacement x of the command behind a lag T, beyond the
+surface x_0. The energy E that goes into the surface decays with the time constant T_E::
 
     F_x = (x_0 - x)/C_T,    E' = max(-y x', -E/dt) - E/T_E
 """
@@ -28,47 +28,47 @@ from typing import NamedTuple
 
 from forcectl.force.guard.limits import APART, Cause, GuardLimits
 
-STIFFER = 2.5  # c, by which the way of a command explains rates: more would explain surfaces that come closer, too
-TOGETHER = 10  # ticks after which readings that go together count again
-_JUMPED = -1.0  # in place of them, after a jump that the filter of a sensor which worked cannot show
-_NEAR = 3  # ticks missed after which a reading that goes on as before counts at once
-FELT = 0.05  # of the desired force, below which a surface is not felt
-_MADE = 0.25  # of the desired force, above which a contact is made that can be lost
-_SENSED = 0.5  # [N] below which a reading does not show that a sensor answers
-_WARY = 0.9  # of the largest force, that counts for it once it was about to be passed
-_RELEASED = 0.8  # of the largest force, at which a retreat may end
-_LEAP = 12.0  # of the force that is coming
-_MOST = 8.0  # of the largest force, that a fast retreat is worth
-_NEVER = -1e6  # [m] depth of a contact that there was not, and x_0 of a sensor that has shown that it answers
+STIFFER = 2.5  # c: a larger value would explain surfaces that come closer, too
+TOGETHER = 10  # ticks of consistent readings after a fault until they are accepted again
+_JUMPED = -1.0  # value of `together` after a jump that the filter of a sound sensor cannot show
+_NEAR = 3  # ticks from the last accepted reading up to which a continuation of it is accepted at once
+FELT = 0.05  # of the desired force: below it there is no contact
+_MADE = 0.25  # of the desired force: above it there is a contact whose loss counts
+_SENSED = 0.5  # [N] smallest reading that proves that the sensor responds
+_WARY = 0.9  # of the largest force: limit once the predicted force has passed the largest one
+_RELEASED = 0.8  # of the largest force: below it a retreat may end
+_LEAP = 12.0  # factor of the predicted rise of the force in the distance of a fast retreat
+_MOST = 8.0  # of the largest force: bound of the force from which that distance is computed
+_NEVER = -1e6  # [m] depth of the last contact before there was one, and x_0 once the sensor has responded
 
 
 class LoopMemory(NamedTuple):
-    """What the guard remembers of a loop.
+    """Memory of the guard for one loop.
 
     Attributes:
-        fault: `Cause`, what is wrong; 0 for nothing.
-        released: whether a retreat may end, or `APART`.
-        reading, before: the last good reading, and the one before it [N].
+        fault: `Cause` of the fault; 0 for none.
+        released: 1 if a retreat may end, `APART` without contact, else 0.
+        reading, before: the last accepted reading, and the one before it [N].
         missed: ticks since then.
-        raw, raw_before: readings, good or not [N].
-        together: ticks of raw readings that go together; -1 after a jump that no filter shows.
-        same: ticks of equal readings.
-        anchor: depth of the command where those begin [m].
-        asked: desired force [N].
-        unasked: ticks without one.
+        raw, raw_before: last two readings, accepted or not [N].
+        together: ticks of consistent raw readings; -1 after a jump that no filter shows.
+        same: ticks for which the reading has repeated itself.
+        anchor: depth of the command where the repetition began [m].
+        asked: last plausible desired force [N].
+        unasked: ticks since then.
         one, two: states of the estimate [N].
         estimate, rate: of the true force [N], [N/s].
         felt: depth of the command at the last contact [m].
-        touches: whether there is one.
-        losses: of it.
+        touches: 1 while there is a contact whose loss counts, else 0.
+        losses: number of contact losses.
         slow: depth of the command behind a lag [m].
-        zero: x_0, from which on it is worth a force [m].
+        zero: x_0, the depth from which on the model predicts a force [m].
         energy: E [J].
-        fast: how far a retreat is to be fast [m].
-        shown: depth behind the lag of the estimate [m].
-        own: rate that its way explains [N/s].
-        wary: whether the force was about to be too large before.
-        seen: depth of the command that equal readings show, behind the same lag as `slow` [m].
+        fast: distance over which a retreat is to be fast [m].
+        shown: depth of the command behind the lag of the estimate [m].
+        own: rate of the force that the command's displacement explains [N/s].
+        wary: 1 once the predicted force has passed the largest one, else 0.
+        seen: `slow` at the last reading that was new: repeated readings show nothing deeper [m].
     """
 
     fault: float = 0.0
@@ -109,12 +109,12 @@ def read(
     """The memory of a loop after its readings at a tick.
 
     Args:
-        limits: what the guard goes by.
+        limits: limits of the guard.
         first: whether it is the first tick.
-        loop: memory of the tick before, by the order of `LoopMemory`.
+        loop: memory of the tick before, in the order of `LoopMemory`.
         desired: force [N].
         measured: force [N].
-        depth: displacement of the command of the tick before, pressing is negative [m].
+        depth: displacement of the command of the tick before, negative into the surface [m].
     """
     last = LoopMemory._make(loop)
     asked, unasked = last.asked, last.unasked + 1.0
@@ -128,15 +128,15 @@ def read(
     if first:
         slow_before = slow = shown_before = depth
         zero = -limits.gap
-    believed, ticks, before, together, anew = _believed(limits, first, last, measured, same)
+    believed, ticks, before, together, anew = _accepted(limits, first, last, measured, same)
     good, missed = last.reading, last.missed + 1.0
     one, two, estimate, rate = last.one, last.two, last.estimate, last.rate
     felt, touches, losses = last.felt, last.touches, last.losses
-    if anew:  # a step to it would look like a rate
+    if anew:  # the step to this reading would look like a rate of the force
         one = two = estimate = measured
         rate = 0.0
         if not first:
-            # Of a sensor that shows another force at once nothing is known any more but what it showed before.
+            # After a jump of the sensor only the last accepted reading is certain: x_0 such that the model gives it.
             zero = slow + limits.compliance * good
     if believed:
         for left in range(ticks - 1, -1, -1):
@@ -151,7 +151,7 @@ def read(
     if good >= max(_MADE * asked, limits.response * worth, _SENSED):
         zero = _NEVER
     energy = max(limits.keep * last.energy - good * (slow - slow_before), 0.0)
-    # Of the command's own way, as far as the model explains the rate by it, what it is worth is still to be seen.
+    # Of a rate explained by the command's displacement, only the force that the estimate does not show yet is added.
     shown = shown_before + limits.settle_own * (depth - shown_before)
     now = (shown_before - shown) / (limits.period * limits.compliance)
     own = max(now, limits.keep_own * last.own)
@@ -160,7 +160,7 @@ def read(
     coming = estimate + limits.ahead * (rises - explained)
     unseen = max((shown - depth) / limits.compliance, limits.turn * explained)
     coming += min(unseen, limits.ahead * explained)
-    # What readings that repeat themselves do not show of the way of the command.
+    # Modelled force, with the displacement that repeated readings do not show.
     seen = last.seen if same else slow
     blind = good + (seen - depth) / limits.compliance
     aim, fault, fast, wary = min(asked, _RELEASED * limits.force), Cause.NONE, 0.0, last.wary
@@ -173,11 +173,11 @@ def read(
         fault = Cause.ENERGY
     elif same > TOGETHER and (
         same >= limits.same
-        # Without a force a sensor without noise shows the same, too.
+        # Without a force, a sound sensor without noise repeats its reading, too.
         or ((good > 0.0 or same > limits.repeats) and (anchor - depth > limits.deeper or blind > limits.force))
     ):
         fault = Cause.FROZEN
-        # One that has never shown a force is not waited for where the way of the command is worth too much.
+        # Retreat without a hold if the sensor has not responded yet and the modelled force is too large.
         way = (zero - depth) / limits.compliance
         if asked > 0.0 and way > limits.force and good < limits.response * way:
             fast = limits.compliance * (way - aim)
@@ -190,25 +190,25 @@ def read(
     released = float(estimate <= aim and rate <= 0.0)
     if estimate < FELT * asked:
         released = APART
-    # By the order of the fields, and `_make`, as names take four times the time.
+    # `_make` with the values in the order of the fields: keyword arguments take four times the time.
     readings = (good, before, missed, measured, last.raw, together, same, anchor, asked, unasked)
     contact = (felt, touches, losses, slow, zero, energy)
     estimates = (one, two, estimate, rate)
     return LoopMemory._make((fault, released, *readings, *estimates, *contact, fast, shown, own, wary, seen))
 
 
-def _believed(
+def _accepted(
     limits: GuardLimits, first: bool, last: LoopMemory, measured: float, same: float
 ) -> tuple[bool, int, float, float, bool]:
-    """Whether a reading goes on as those before it, ticks of the estimate that it counts for, `before` and `together`
-    of a `LoopMemory` after it, and whether the estimate begins with it.
+    """Whether a reading is accepted, the number of ticks for which it updates the estimate, `before` and `together`
+    of the next `LoopMemory`, and whether the estimate restarts from it.
 
     Args:
-        limits: what the guard goes by.
+        limits: limits of the guard.
         first: whether it is the first one.
         last: memory of the tick before.
         measured: reading [N].
-        same: ticks for which it repeats itself.
+        same: ticks for which it has repeated itself.
     """
     good, before, together = last.reading, last.before, last.together
     plausible = limits.lowest <= measured <= limits.highest
@@ -216,7 +216,7 @@ def _believed(
     if first:
         return plausible, 1, measured if plausible else before, together, plausible
     if plausible and not last.missed and abs(measured - 2 * good + before) <= limits.jump:
-        # A reading that repeats the last one tells nothing, unless it goes on doing so: the estimate waits.
+        # A repeated reading counts as a lost sample, for which the estimate waits, unless it goes on repeating itself.
         ticks = 1
         if same <= TOGETHER:
             ticks = 0 if same else 1 + int(last.same) * (last.same <= TOGETHER)
@@ -224,16 +224,16 @@ def _believed(
             ticks = int(same)
         return True, ticks, good, together, False
     if plausible and together < 0.0 and abs(measured - last.raw) <= abs(good - before) + limits.jump:
-        # A sensor that worked, went over to another force at once, as no filter does, and stays there.
+        # A sound sensor jumped to another force, which no filter shows, and stays there.
         return False, 1, before, together, False
     if plausible and same == 0.0 and n <= _NEAR and abs(measured - good - n * (good - before)) <= n * n * limits.jump:
         return True, int(n), measured - (measured - good) / n, 0.0, False
     if plausible and same == 0.0 and abs(measured - 2 * last.raw + last.raw_before) <= limits.jump:
-        # A pull of a surface that cannot pull is not believed of a sensor that shows another force at once.
+        # After a jump, a pull of a surface that cannot pull is not accepted.
         if together + 1.0 >= TOGETHER and (measured >= -_SENSED or limits.losses == math.inf):
             return True, 1, last.raw, 0.0, True
         return False, 1, before, together + 1.0, False
-    # From readings that were none, or repeated themselves, a sensor may go over to another force at once.
+    # After rejected or repeated readings a sensor may go on from another force.
     jumped = plausible and not last.missed and last.raw != last.raw_before
     return False, 1, before, _JUMPED if jumped else 0.0, False
 
@@ -241,7 +241,7 @@ def _believed(
 def _estimated(
     limits: GuardLimits, reading: float, one: float, two: float, last: float, rate: float
 ) -> tuple[float, float, float, float]:
-    """Both states of the estimate, the estimate and its rate after a reading."""
+    """The two filter states, the estimate and its rate after a reading."""
     if limits.share < 1.0:
         one += limits.share * (reading - one)
         two += limits.share * (one - two)
