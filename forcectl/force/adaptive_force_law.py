@@ -1,7 +1,7 @@
-"""Adaptive force control: any law with a `compliance` input, fed by the EWRLS estimate of the contact.
+"""Adaptive force control: any law with a `compliance` input, fed by the EWRLS estimate of the contact's compliance.
 
-A law that plans its command from the compliance alone also needs the height of a surface that it slides over, see
-`forcectl.estimation.surface_offset`.
+A law that computes its command from the compliance alone also needs the height of a surface that the tool slides over,
+see `forcectl.estimation.surface_offset`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class AdaptiveForceLaw(Around):
 
     desired_force, measured_force: shape (n,) [N].
     motor_displacement: shape (n,), actual motor-side dx along n [m], unfiltered: the block filters it like the force.
-    path_displacement, sliding: shape (n,), see `SurfaceOffset`, unfiltered [m, 1]; both exist with an `offset`.
+    path_displacement, sliding: shape (n,), see `SurfaceOffset`, unfiltered [m, 1]; both ports exist with an `offset`.
     displacement_command: shape (n,) [m]. Feedthrough of desired_force and measured_force at the tick. Feedthrough of
     sliding, motor_displacement and path_displacement when there is an `offset`.
     invariance_function, status: shape (n,) [m, 1]; of laws that have them. Feedthrough of desired_force and
@@ -47,8 +47,8 @@ class AdaptiveForceLaw(Around):
     Args:
         law: a `ForceLaw` or diagram of one, with the ports of the force law's slot and the input `compliance`.
         estimator: of the compliance.
-        displacement_filter: of the displacement, that of the force.
-        offset: of the surface, with a filter for the displacement of the path; None: it does not change.
+        displacement_filter: of the motor displacement, equal to the filter of the force sensor.
+        offset: estimator of the surface's height, and a filter for the displacement of the path; None: constant height.
 
     Raises:
         BadInputError: the law has no such input.
@@ -100,16 +100,32 @@ class AdaptiveForceLaw(Around):
 
 @dataclass(kw_only=True)
 class Adaptation(Config):
-    """The estimator and what it starts from."""
+    """The EWRLS estimator of the environment compliance, and its initial values."""
 
     compliance_error: float = key(
-        0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="from 0.001 to 1000", each=True
+        0.8,
+        "initial estimate of the environment compliance relative to the true one, C_E_hat / C_E; 1/1.2: stiffness 20 % "
+        "too high",
+        bounds="from 0.001 to 1000",
+        each=True,
     )
-    forgetting: float = key(0.995, "forgetting factor mu", bounds="from 0.1 to 1", each=True)
+    forgetting: float = key(
+        0.995, "forgetting factor mu of the compliance estimator; 1: none", bounds="from 0.1 to 1", each=True
+    )
     initial_covariance: float = key(
-        1e-6, "initial covariance P_0", unit="1/N^2", bounds="above 0 and at most 1000000", each=True
+        1e-6,
+        "initial covariance P_0 of the estimated compliance",
+        unit="1/N^2",
+        bounds="above 0 and at most 1000000",
+        each=True,
     )
-    minimum_force: float = key(0.2, "force below which nothing is learnt", unit="N", bounds="not negative", each=True)
+    minimum_force: float = key(
+        0.2,
+        "measured force below which the estimate of the compliance is not updated",
+        unit="N",
+        bounds="not negative",
+        each=True,
+    )
 
     def estimator(self, model: PlantModel) -> EnvironmentComplianceEstimator:
         """The estimator, starting from `compliance_error` times the true environment compliance."""
@@ -130,7 +146,7 @@ class AdaptiveLawConfig(Adaptation, LawConfig):
     """Base of the configurations of adaptive laws."""
 
     def offset(self, model: PlantModel) -> tuple[SurfaceOffset, System] | None:
-        """What `AdaptiveForceLaw` takes for the surface; None: its law needs none."""
+        """The argument `offset` of `AdaptiveForceLaw`; None: the law does not need it."""
         return None
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
@@ -142,16 +158,16 @@ class AdaptiveLawConfig(Adaptation, LawConfig):
 
 @dataclass(kw_only=True)
 class AdaptivePlanConfig(AdaptiveLawConfig):
-    """Base of the configurations of adaptive laws that plan their command from the compliance."""
+    """Base of the configurations of adaptive laws that compute their command from the compliance."""
 
     surface: str = key(
         "height",
-        "what changes while the tool slides: the height of the surface, or its compliance alone as in (3.56)",
+        "quantity assumed to change while the tool slides: height of the surface, or its compliance alone as in (3.56)",
         choices=("height", "compliance"),
     )
 
     def offset(self, model: PlantModel) -> tuple[SurfaceOffset, System] | None:
-        """The offset, unless all is taken for compliance."""
+        """The offset, unless only the compliance is assumed to change."""
         if self.surface == "compliance":
             return None
         block = SurfaceOffset(

@@ -14,5 +14,9 @@ class AdaptiveIntegralConfig(IntegralLawConfig, AdaptiveLawConfig, in_batches=Tr
     """Scenario part `!AdaptiveIntegral`."""
 
     compliance_error: float = key(
-        0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="from 0.001 to 1000", each=True
+        0.8,
+        "initial estimate of the environment compliance relative to the true one, C_E_hat / C_E; 1/1.2: stiffness 20 % "
+        "too high",
+        bounds="from 0.001 to 1000",
+        each=True,
     )

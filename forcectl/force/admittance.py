@@ -5,14 +5,14 @@
     x[k+1] = x_gen[k+1] + dx[k+1],    x'[k+1] = x_gen'[k+1] + dv[k+1]                             (6.2)
 
 component by component, with mu a force or torque and x_gen the motion of a trajectory generator. At every tick the
-state of the filter is what was commanded in fact, beyond the generator::
+state of the filter is reset to the difference between the actual command and the generator::
 
     dx[k] = x[k] - x_gen[k],    dv[k] = x'[k] - x_gen'[k]                                         (6.10)*
 
-so that a limit, or a quadratic program that cannot follow, does not leave the filter somewhere else. There are two
-arrangements of generator and filter (the table in docs/admittance.md says when they are stable):
+so that the filter agrees with the command where a limit, or a quadratic program that cannot follow, has changed it.
+There are two arrangements of generator and filter (the table in docs/admittance.md says when they are stable):
 
-`consistent`: the generator goes on from its own state, dx as above.
+`consistent`: the generator continues from its own state, dx as above.
 `increment`, of the printed (6.7): the generator starts from x[k], x'[k], so dx starts from 0 in every tick.
 
 As a force law, mu = F - F_bar and x = dx_bar: the tool retreats where the force is too large. After the time H/D it is
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 ARRANGEMENTS = ("consistent", "increment")
 GENERATORS = ("velocity", "position")
 _LIMITS = ("velocity_limit", "acceleration_limit")  # of both generators
-_LARGEST_SIZE = 6  # of a filter
+_LARGEST_SIZE = 6  # components of a task
 
 
 def admittance_step(
@@ -85,7 +85,7 @@ def admittance_response(inertia: float, damping: float, period: float, arrangeme
         period: Ts [s].
         arrangement: one of `ARRANGEMENTS`.
     """
-    # From x[k], x'[k] the generator stops within the tick, half a step further on: Algorithm 3.
+    # The generator stops from x'[k] within the tick, x'[k] Ts/2 further on: Algorithm 3.
     stopping = 0.5 * period if arrangement == "increment" else 0.0
     columns = [admittance_step(x, v, mu, inertia, damping, period) for x, v, mu in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
     a: Array = np.transpose(columns)
@@ -109,25 +109,25 @@ class AdmittanceFilter(SampledBatch):
 
     generated_position, generated_velocity: shape (n,), x_gen[k+1], x_gen'[k+1], at the END of the tick [u, u/s].
     force: shape (n,), mu[k] along the components [N or Nm].
-    commanded_position, commanded_velocity: shape (n,), what was commanded in fact in the tick before, x[k], x'[k] [u,
-    u/s]. The ports exist with `corrected`; without, it is what this block put out.
+    commanded_position, commanded_velocity: shape (n,), the actual command of the tick before, x[k], x'[k] [u, u/s]. The
+    ports exist with `corrected`; without them the last output of this block is used.
     position, velocity: shape (n,), x[k+1], x'[k+1] [u, u/s]. Feedthrough of all inputs at the tick, and held.
-    last_position, last_velocity: shape (n,), the same of the tick before [u, u/s]: where a generator starts from in the
-    arrangement `increment`. State, no direct feedthrough.
+    last_position, last_velocity: shape (n,), the same of the tick before [u, u/s], from which the generator starts in
+    the arrangement `increment`. State, no direct feedthrough.
 
     Parameters (Context, shape (n,)): inertia H [kg or kg m^2/rad] and damping D [N s/m or Nms/rad], positive, with H >
     D Ts/2: else the filter alone is unstable. lower_limit and upper_limit of the position [u], where it stops.
 
-    A force or a generated motion that is not a number holds the position, with a velocity of zero. A commanded one that
-    is not a number is taken for what this block put out.
+    A force or a generated motion that is not a number holds the position, with a velocity of zero. A commanded position
+    or velocity that is not a number is replaced by the last output of this block.
 
     Sampling: every `period` [s]; no delay from force to position, see `SampledBlock`.
 
     Args:
         size: n.
         arrangement: `consistent` or `increment`, see the module.
-        corrected: whether what was commanded comes from ports.
-        initial_position: of generator and filter at first, shape (n,) [u].
+        corrected: whether the actual command of the tick before comes from ports.
+        initial_position: of generator and filter, shape (n,) [u].
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class AdmittanceFilter(SampledBatch):
             self.show_held(f"last_{name}", name)
 
     def check_together(self, values: Mapping[str, Array]) -> None:
-        """The filter alone is stable, and the limits are in order."""
+        """Check that the filter alone is stable, and that the limits are in order."""
         least = 0.5 * self._period * values["damping"]
         if not np.all(values["inertia"] > least):
             allowed = f"above damping times half a tick, {least.tolist()}: else the filter alone is unstable"
@@ -212,7 +212,7 @@ class AdmittanceForceLaw(PythonDiagram):
     ```
 
     desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
-    displacement_velocity_command: shape (n,), the speed of the filter then [m/s].
+    displacement_velocity_command: shape (n,), velocity of the filter at the end of the tick [m/s].
     All outputs are feedthrough of all inputs at the tick.
 
     The blocks inside have the parameters: see `AdmittanceFilter`, and `VelocityGenerator` with the target velocity 0 or
@@ -223,7 +223,7 @@ class AdmittanceForceLaw(PythonDiagram):
     Args:
         admittance: the filter of the displacements.
         generator: a `VelocityGenerator` or a `TrajectoryGenerator` of as many components.
-        from_command: whether the generator starts from what was commanded, as in the arrangement `increment`.
+        from_command: whether the generator starts from the last command, as in the arrangement `increment`.
     """
 
     def __init__(self, admittance: AdmittanceFilter, generator: System, *, from_command: bool):
@@ -262,28 +262,44 @@ class AdmittanceConfig(Config):
     """
 
     must_be_stable: ClassVar = True  # see `forcectl.force.slot`
-    inertia: float = key(40.0, "H of the filter", unit="kg", bounds="positive")
+    inertia: float = key(40.0, "mass H of the admittance filter", unit="kg", bounds="positive")
     damping: float = key(
-        4000.0, "D of the filter; a force error moves the tool at its D-th part", unit="N s/m", bounds="positive"
+        4000.0,
+        "damping D of the admittance filter: a constant force error moves the tool at force error / D",
+        unit="N s/m",
+        bounds="positive",
     )
     arrangement: str = key(
         "consistent",
-        "consistent: the generator goes on by itself; increment: it starts from the command in every tick, as in (6.7)",
+        "start of the motion generator in each tick; consistent: its own state; increment: the last command, as in "
+        "(6.7)",
         choices=ARRANGEMENTS,
     )
     generator: str = key(
         "velocity",
-        "velocity: stops, Algorithm 3; position: returns to the start, which leaves a force error with increment",
+        "motion generator; velocity: comes to rest, Algorithm 3; position: returns to the start, which leaves a force "
+        "error with increment",
         choices=GENERATORS,
     )
-    velocity_limit: float = key(1.0, "of the generator, not of the command", unit="m/s", bounds="positive")
-    acceleration_limit: float = key(1000.0, "of the generator, not of the command", unit="m/s^2", bounds="positive")
-    jerk_limit: float = key(1e9, "of the generator of positions", unit="m/s^3", bounds="positive")
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001")
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10")
+    velocity_limit: float = key(
+        1.0, "largest velocity of the motion generator; does not limit the command", unit="m/s", bounds="positive"
+    )
+    acceleration_limit: float = key(
+        1000.0,
+        "largest acceleration of the motion generator; does not limit the command",
+        unit="m/s^2",
+        bounds="positive",
+    )
+    jerk_limit: float = key(1e9, "largest jerk of the position generator", unit="m/s^3", bounds="positive")
+    lower_limit: float = key(
+        -0.1, "lowest displacement command, deepest into the surface", unit="m", bounds="from -10 to -0.000001"
+    )
+    upper_limit: float = key(
+        0.1, "highest displacement command, furthest from the surface", unit="m", bounds="from 0.000001 to 10"
+    )
 
     def unused(self) -> tuple[tuple[str, ...], str]:
-        """Limits that the generator never comes to, and why."""
+        """Limits that the generator never reaches, and why."""
         if self.arrangement == "consistent":
             return (*_LIMITS, "jerk_limit"), "by itself the generator rests, and the command has no such limit"
         if self.generator == "velocity":
@@ -301,7 +317,7 @@ class AdmittanceConfig(Config):
         if self.generator == "velocity":
             generator: System = VelocityGenerator(n, **limits, period=period)
         else:
-            # Each component is planned by itself.
+            # No synchronisation of the components.
             generator = TrajectoryGenerator(n, **limits, jerk_limit=self.jerk_limit, groups=[1] * n, period=period)
         admittance = AdmittanceFilter(
             n,

@@ -1,4 +1,4 @@
-"""Guarded move to a surface, hand-over to a force law, recovery of a contact that is lost, and leaving::
+"""Guarded move to a surface, hand-over to a force law, recovery of a lost contact, and leaving::
 
     dx_bar = x_a + u,    x_a: displacement of the move, u: command of the force law
 
@@ -10,12 +10,12 @@
     GAVE_UP   at rest, after `timeout` in APPROACH or TOUCH without a contact
 
 p rises from 0 to 1 within `rise_time` as a motion towards the surface begins. Motors stick until their loops have built
-up the torque of friction, and then catch up: with a speed that is there at once, at up to twice that speed.
-Outside of CONTACT the law gets zero for both forces, so that it rests where it is: the command does not jump when it
-takes over. Two touches, the second one slow, because a fast one overtravels by what sensor and drives lag behind.
+up the torque of static friction, and then catch up: after a step of the speed, at up to twice that speed. Outside of
+CONTACT the law gets zero for both forces, so that its command stays constant and does not jump at the hand-over. There
+are two touches, the second one slow: a fast one overshoots by the lag of sensor and drives times its speed.
 
-A controller of joints takes x_a in and adds it to its command itself, J^-1 n x_a in small steps, because only it knows
-its walls and the limits of its joints: a move ends in front of them. The force law in it is one of dx_bar - x_a.
+A controller of joints has x_a as an input and adds J^-1 n x_a to its command itself, in small steps: it keeps its walls
+and joint limits, and a move ends in front of them. The force law in it commands dx_bar - x_a.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from forcectl.plant.plant_model import PlantModel
 
 
 class ApproachMode(IntEnum):
-    """What a guarded move is at; the numbers are those of the port `approach_mode`."""
+    """Mode of a guarded move; the numbers are those of the port `approach_mode`."""
 
     APPROACH = 0
     TOUCH = 1
@@ -52,16 +52,16 @@ class ApproachMode(IntEnum):
 _APPROACH, _TOUCH, _CONTACT, _LEAVE, _GAVE_UP = map(float, ApproachMode)
 _AWAY, _SLOWLY, _THERE = 0.0, 1.0, 2.0  # stages of TOUCH
 
-# The forces of a law, by what the move gives in their place.
+# Force inputs of a law, and the outputs of the move that are connected to them.
 _FORCES = {"desired_force": "regulated_force", "measured_force": "felt_force"}
-# Of a controller of joints that is approached.
+# Ports of a controller of joints behind a guarded move.
 _APPROACHED = (*_FORCES, "approach_displacement")
 _COMMANDS = ("joint_position_command", "approach_displacement")
 _WANTED = "must be a force law, or a controller of joints with add_approached, such as !InvarianceRobot"
 
 
 class GuardedMove(SampledBatch):
-    """The mode of n guarded moves, their displacements, and the forces that the laws are given.
+    """Modes and displacements of n guarded moves, and the forces for the laws behind them.
 
     ```
     name: GuardedMove
@@ -79,7 +79,7 @@ class GuardedMove(SampledBatch):
     Parameters (Context, shape (n,)): speed and touch_speed [m/s], threshold [N], patience and timeout [s], clearance
     [m], positive and finite; step_back t_b and rise_time [s] >= 0.
 
-    A force that is not a number holds displacement and mode, and is handed on in CONTACT, for the law to hold.
+    A force that is not a number holds displacement and mode; in CONTACT the law receives it, and holds its command.
 
     Sampling: every `period` [s]; no delay, see `SampledBlock`.
     """
@@ -116,13 +116,13 @@ class GuardedMove(SampledBatch):
         inputs = [self.DeclareVectorInputPort(name, size) for name in FORCES]
         self.sample_delay = {("measured_force", "felt_force"): 0.0}
         shown = ("approach_displacement", "approach_mode", "regulated_force", "felt_force")
-        # In contact the law is what answers to a force.
+        # While the guarded move is in contact, its displacement and mode are constant, and the forces pass through.
         self.passed_elements = {(given, name): range(0) for given in FORCES for name in shown} | {
             ("desired_force", "regulated_force"): range(size),
             ("measured_force", "felt_force"): range(size),
         }
-        # Times without contact and at rest or without force [s], stage of TOUCH, share p of the speed, and what is left
-        # to leave [m].
+        # Time without contact, time at rest or without force [s], stage of TOUCH, p [1], remaining distance to leave
+        # [m].
         own = ("searching", "waiting", "stage", "pace", "to_leave")
         self.declare_memory(dict.fromkeys((*shown, *own), 0.0), inputs, period)
         self.show(*shown)
@@ -151,7 +151,7 @@ class GuardedMove(SampledBatch):
         after = m.where(wanted, m.where(leave, _APPROACH, after), _LEAVE)
         began = after != mode
 
-        # Only a surface that was touched is left.
+        # The clearance is only made from a surface that was touched.
         touched = touch | contact
         to_leave = m.where(
             (after == _LEAVE) & began & touched, clearance, m.where(after == _LEAVE, memory["to_leave"], 0.0)
@@ -167,7 +167,7 @@ class GuardedMove(SampledBatch):
             "approach_displacement": x + moved + away,
             "approach_mode": after,
             "searching": searching,
-            # What begins with a stage, or a mode, waits anew; a contact that was lost is looked for at once.
+            # A new stage or mode restarts the waiting; after contact loss the search for the surface begins at once.
             "waiting": m.where(began | (stage != memory["stage"]), 0.0, waiting),
             "stage": m.where(began, m.where(contact, _SLOWLY, _AWAY), stage),
             "pace": pace,
@@ -181,7 +181,7 @@ class GuardedMove(SampledBatch):
 
 
 class ApproachForceLaw(Around):
-    """A force law behind a guarded move.
+    """A force law that takes over after a guarded move.
 
     ```
     name: ApproachForceLaw
@@ -190,8 +190,8 @@ class ApproachForceLaw(Around):
     ```
 
     desired_force, measured_force: shape (n,) [N]. approach_displacement, approach_mode: see `GuardedMove`.
-    displacement_command: shape (n,), of the move and of the law [m].
-    A `motor_displacement` that the law reads is given to it without that of the move.
+    displacement_command: shape (n,), sum of the displacement of the move and the command of the law [m].
+    If the law has an input `motor_displacement`, it receives it minus the displacement of the move.
     All outputs are feedthrough of all inputs at the tick.
 
     Sampling: every `period` [s] of the two; no delay beyond that of the law.
@@ -227,7 +227,7 @@ class ApproachForceLaw(Around):
 
 
 class ApproachedController(Around):
-    """A controller of joints behind a guarded move.
+    """A controller of joints that takes over after a guarded move.
 
     ```
     name: ApproachedController
@@ -236,15 +236,15 @@ class ApproachedController(Around):
     ```
 
     desired_force, measured_force: shape (1,) [N]. approach_mode: see `GuardedMove`.
-    The displacement of the move is an input of the controller, which adds it to its command; so its walls and joint
-    limits are kept, and its output approach_displacement is what came of the move.
+    The displacement of the move is an input of the controller, which adds it to its command within its walls and joint
+    limits. Its output approach_displacement is the part of it that the command holds.
     All outputs are feedthrough of all inputs at the tick when those of the controller are.
 
     Sampling: every `period` [s] of the two; no delay beyond that of the controller.
 
     Args:
         builder: holds the controller; it is built into this diagram.
-        controller: with the ports of a controller of joints that is approached, see `forcectl.force.slot`.
+        controller: with the ports that `forcectl.force.slot` lists for `add_approached`.
 
     Raises:
         BadInputError: the controller has no such ports.
@@ -264,7 +264,7 @@ class ApproachedController(Around):
 
 
 def _add_move(builder: DiagramBuilder, move: GuardedMove, law: System) -> OutputPort:
-    """Add the move, which gives a law its forces; its displacement."""
+    """Add the move, connect its forces to a law, and return its displacement."""
     builder.AddNamedSystem("guarded_move", move)
     for name, given in _FORCES.items():
         builder.ExportInput(move.GetInputPort(name), name)
@@ -273,12 +273,12 @@ def _add_move(builder: DiagramBuilder, move: GuardedMove, law: System) -> Output
 
 
 def without_move(builder: DiagramBuilder, name: str, moved: OutputPort) -> Adder:
-    """A sum of what its second input is connected to, and minus the displacement of a move."""
+    """An adder whose second input is free and whose first one is minus the displacement of a move."""
     return _sum(builder, name, through(builder, "move_back", Gain(-1.0, moved.size()), moved))
 
 
 def _sum(builder: DiagramBuilder, name: str, first: OutputPort) -> Adder:
-    """A sum whose first input is connected."""
+    """An adder whose first input is connected."""
     total = builder.AddNamedSystem(name, Adder(2, first.size()))
     builder.Connect(first, total.get_input_port(0))
     return total
@@ -286,31 +286,44 @@ def _sum(builder: DiagramBuilder, name: str, first: OutputPort) -> Adder:
 
 @dataclass(kw_only=True)
 class ApproachConfig(AroundLawConfig, Config):
-    """Scenario part `!Approach`: a guarded move to the surface, then any law; lost contacts are found again."""
+    """Scenario part `!Approach`: a guarded move to the surface, then any law; recovers a lost contact."""
 
     law: Any = slot(
         "controller", IntegralConfig, meaning="force law, or controller of joints, that takes over in contact"
     )
-    speed: float = key(0.02, "of the approach, and of leaving", unit="m/s", bounds="above 0 and at most 1")
-    threshold: float = key(
-        1.0, "measured force that is contact; below half of it there is none", unit="N", bounds="positive"
+    speed: float = key(
+        0.02, "speed of the approach, and of leaving the surface", unit="m/s", bounds="above 0 and at most 1"
     )
-    touch_speed: float = key(0.003, "of the second touch", unit="m/s", bounds="from 1e-05 to 1")
+    threshold: float = key(
+        1.0, "measured force above which there is contact; below half of it there is none", unit="N", bounds="positive"
+    )
+    touch_speed: float = key(0.003, "speed of the second touch", unit="m/s", bounds="from 1e-05 to 1")
     step_back: float = key(
-        0.1, "t_b: what `speed` makes in it is gone back after a touch", unit="s", bounds="from 0 to 1"
+        0.1,
+        "t_b: after a touch the tool moves back by the speed of the touch times this time",
+        unit="s",
+        bounds="from 0 to 1",
     )
     patience: float = key(
         0.5,
-        "until a force that stays is a contact, and one that stays away a loss",
+        "time after which a lasting force counts as contact, and a lasting absence of force as contact loss",
         unit="s",
         bounds="at least 0.005",
     )
-    timeout: float = key(10.0, "without a contact it gives up", unit="s", bounds="positive")
+    timeout: float = key(
+        10.0, "time without a contact after which the guarded move gives up", unit="s", bounds="positive"
+    )
     clearance: float = key(
-        0.01, "how far it leaves when the desired force is zero", unit="m", bounds="above 0 and at most 1"
+        0.01,
+        "distance by which the tool leaves the surface when the desired force is zero",
+        unit="m",
+        bounds="above 0 and at most 1",
     )
     rise_time: float = key(
-        0.5, "in which a motion towards the surface comes to its speed", unit="s", bounds="from 0 to 10"
+        0.5,
+        "time in which a motion towards the surface accelerates to its full speed",
+        unit="s",
+        bounds="from 0 to 10",
     )
 
     def __post_init__(self) -> None:
@@ -324,12 +337,12 @@ class ApproachConfig(AroundLawConfig, Config):
             raise BadInputError(fault, key="law")
 
     def approach_speed(self) -> tuple[str, float]:
-        """Key and value of the speed [m/s] at which a surface is met."""
+        """Key and value of the speed [m/s] at which the tool meets a surface."""
         return "speed", self.speed
 
     def time_for(self, distance: float) -> float:
         """Time that the first motion takes for a distance [m, s]."""
-        rising = 0.5 * self.speed * self.rise_time  # [m] until it has its speed
+        rising = 0.5 * self.speed * self.rise_time  # [m] until the full speed
         if distance < rising:
             return float(np.sqrt(distance / rising) * self.rise_time)
         return self.rise_time + (distance - rising) / self.speed

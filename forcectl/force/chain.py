@@ -2,13 +2,12 @@
 
     contact force --> sensor or estimate --> law --> drive, robot, contact of the stiffness K --> contact force
 
-It is stable when all its eigenvalues are inside the unit circle. The conditions (6.7) are those of a chain of the
-admittance alone, without the lag of sensor and drive: they let unstable loops pass. How far a stable loop is from being
-unstable is told by its margins: of the stiffness and of the gain by eigenvalues, of phase and delay by the frequency
-response L of the loop that is cut open, where its size is 1.
+It is stable when all its eigenvalues are inside the unit circle. The conditions (6.7) are those of the admittance
+alone, without the lag of sensor and drive: loops that meet them may be unstable. The stability margins of stiffness and
+gain come from eigenvalues, those of phase and delay from the frequency response L of the open loop, where |L| = 1.
 
-What is left out: friction, quantisation, limits and the loss of contact, which do not act in the small or hold the
-motion back, and the inertia of the links behind elastic joints.
+Not modelled are friction, quantisation, limits and contact loss, which do not act on small motions or damp them, and
+the inertia of the links behind elastic joints.
 """
 
 from __future__ import annotations
@@ -23,24 +22,25 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-# A pole nearer to the unit circle than that is not called stable: it would decay over a billion ticks.
+# A pole closer to the unit circle does not count as stable: it would decay over a billion ticks.
 _MARGIN = 1e-9
 _DECADES, _PER_DECADE, _HALVINGS = 6, 5, 24
 _MOST_STATES = 200
-_LOWEST, _POINTS = 1e-6, 600  # of the frequencies that are looked at, in parts of half the sampling frequency
+_LOWEST, _POINTS = 1e-6, 600  # lowest frequency, in Nyquist frequencies, and number of frequencies up to that one
 
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a loop is from being unstable; infinite where nothing makes it so.
+    """Stability margins of a loop; infinite where the loop stays stable for every value.
 
     Attributes:
-        stable: whether it is stable.
-        largest_stiffness: of the contact, up to which it is, or would be, stable; 0 if never [N/m].
-        gain: what the loop gain may be multiplied by; below 1 what it must be, 0 if nothing helps [1].
-        phase: that may be lost [deg]; NaN of an unstable loop.
-        delay: that may be added [s]; NaN of an unstable loop.
-        crossover: the frequency at which that is so [Hz]; NaN of an unstable loop, and without one.
+        stable: whether the loop is stable.
+        largest_stiffness: largest contact stiffness for which the loop is, or would be, stable; 0 if there is none
+            [N/m].
+        gain: gain margin, the largest factor of the loop gain with which the loop is stable; 0 if there is none [1].
+        phase: phase margin [deg]; NaN of an unstable loop.
+        delay: delay margin, the largest additional delay [s]; NaN of an unstable loop.
+        crossover: frequency of the delay margin [Hz]; NaN of an unstable loop, and where |L| is never 1.
     """
 
     stable: bool
@@ -74,7 +74,7 @@ class ForceChain:
         return _closed(self.once_around(stiffness), 1.0)
 
     def once_around(self, stiffness: float) -> StateSpace:
-        """From the contact force to itself, around a loop that is cut open there [1]; `stiffness`: see `poles`."""
+        """The open loop, cut at the contact force: from it around to itself [1]; `stiffness`: see `poles`."""
         return self.pressing(stiffness) * self.law * self.sensor
 
     def spectral_radius(self, stiffness: float) -> float:
@@ -89,8 +89,8 @@ class ForceChain:
         """The contact stiffness [N/m] up to which the loop is stable.
 
         Args:
-            stiffness: from which on it is looked for [N/m]: above it up to a million times where the loop is stable,
-                else below it, down to a millionth.
+            stiffness: start of the search [N/m]: up to a million times of it where the loop is stable there, else down
+                to a millionth of it.
 
         Returns:
             0.0 if it is unstable for every stiffness, infinity if it is stable for every one.
@@ -98,9 +98,9 @@ class ForceChain:
         return _limit(self.is_stable, stiffness)
 
     def margins(self, stiffness: float) -> Margins:
-        """How far the loop is from being unstable, with a contact of this stiffness [N/m].
+        """The stability margins of the loop, with a contact of this stiffness [N/m].
 
-        Of a loop with a delay line of many ticks only whether it is stable: the rest would take a minute.
+        Of a loop with a delay line of many ticks only `stable` is computed, else NaN: it would take a minute.
         """
         around = self.once_around(stiffness)
         if len(around.A) > _MOST_STATES:
@@ -112,12 +112,12 @@ class ForceChain:
 
 
 def _closed(around: StateSpace, factor: float) -> NDArray[np.complex128]:
-    """Poles of the loop with this factor in it."""
+    """Poles of the closed loop with this factor of the loop gain."""
     return np.linalg.eigvals(around.A + factor * around.B @ around.C)
 
 
 def _limit(stable: Callable[[float], bool], start: float) -> float:
-    """The value up to which something is stable, looked for from `start` on; 0.0 if it never is, else infinity."""
+    """The value up to which `stable` holds, searched from `start` on; 0.0 if it never holds, infinity if always."""
     if stable(start):
         tried = start * np.logspace(0, _DECADES, _DECADES * _PER_DECADE + 1)
         last = next((i for i, each in enumerate(tried) if not stable(each)), None)

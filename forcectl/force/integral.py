@@ -3,7 +3,7 @@
     dx_bar[k] = dx_bar[k-1] - C_T_hat K_I Ts e(F_bar - F[k])                                          (2.11)*
 
 The minus sign goes with F = -dx/C_T (2.8). e(.) is an optional dead zone against hunting with static friction (Sec.
-2.1.1). The command is limited, and because the law is a pure integrator, limiting its state is its anti-windup.
+2.1.1). The command is limited; the law is a pure integrator, so the limit of its state is its anti-windup.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def dead_zone(error: BatchValue, width: BatchValue, m: Any = np) -> BatchValue:
 def integral_step(
     command: BatchValue, error: BatchValue, gain: BatchValue, lower: BatchValue, upper: BatchValue, m: Any = np
 ) -> BatchValue:
-    """One tick of the integral law; where the step is not finite, the last command.
+    """One tick of the integral law; the last command where the step is not finite.
 
     Args:
         command: last displacement command dx_bar [m].
@@ -106,7 +106,7 @@ class IntegralForceLaw(ForceLaw):
 
 
 class LinearIntegralForceLaw(PythonDiagram):
-    """The law without dead zone and limits, as a linear system that can be analysed and converted with its loop.
+    """The law without dead zone and limits: a linear system, so that its loop can be linearised and scalar-converted.
 
     ```
     name: LinearIntegralForceLaw
@@ -116,8 +116,8 @@ class LinearIntegralForceLaw(PythonDiagram):
 
     desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m]. Feedthrough of all inputs.
 
-    Sampling: every `period` [s]; no delay. For diagrams in which everything runs at this period: between the events of
-    one tick the output is that of the next.
+    Sampling: every `period` [s]; no delay. For diagrams in which everything runs at this period: after its update event
+    at a tick, the output is already that of the next tick.
     """
 
     def __init__(self, size: int, *, integral_gain: ArrayLike, compliance: ArrayLike, period: float = 0.002):
@@ -139,11 +139,33 @@ class LinearIntegralForceLaw(PythonDiagram):
 class IntegralLawConfig(Config, LawConfig):
     """What the configurations of integral laws share."""
 
-    integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="from 0.000001 to 10000", each=True)
-    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
-    dead_zone: float = key(0.0, "force error that is left alone", unit="N", bounds="not negative", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
+    integral_gain: float = key(
+        1.5, "integral gain K_I of the force error", unit="1/s", bounds="from 0.000001 to 10000", each=True
+    )
+    compliance_error: float = key(
+        1.0, "modelled total compliance relative to the true one, C_T_hat / C_T", bounds="from 0.001 to 1000", each=True
+    )
+    dead_zone: float = key(
+        0.0,
+        "size of the force error up to which it is ignored; 0: no dead zone",
+        unit="N",
+        bounds="not negative",
+        each=True,
+    )
+    lower_limit: float = key(
+        -0.1,
+        "lowest displacement command, deepest into the surface",
+        unit="m",
+        bounds="from -10 to -0.000001",
+        each=True,
+    )
+    upper_limit: float = key(
+        0.1,
+        "highest displacement command, furthest from the surface",
+        unit="m",
+        bounds="from 0.000001 to 10",
+        each=True,
+    )
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth K_I [rad/s] of the nominal closed loop M(s) = K_I/(s + K_I)."""
@@ -171,12 +193,12 @@ class IntegralConfig(IntegralLawConfig, in_batches=True):
 
         Args:
             model: of the plant.
-            believes: whether its model has `compliance_error` times the total compliance; else that is a port.
+            believes: whether the compliance is a parameter, `compliance_error` times the total one; else it is a port.
         """
         return self.law(model, self.compliance_error * model.total_compliance if believes else None, limited=False)
 
     def sampled_response(self, model: PlantModel) -> StateSpace:
-        """From the measured force to displacement and rate of the command, beyond the dead zone."""
+        """From the measured force to displacement and rate of the command, without the dead zone."""
         law = replace(self, dead_zone=0.0).law(model, self.compliance_error * model.total_compliance)
         return law.sampled_response()
 

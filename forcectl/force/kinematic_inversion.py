@@ -6,7 +6,7 @@ Near a singularity the joint motion per metre `|J^-1 n|` grows without bound; be
 
     J^-1 n  ->  J' (J J' + lambda^2 I)^-1 n,     lambda^2 = lambda_max^2 (1 - limit/|J^-1 n|)
 
-so the command stays finite and continuous, and an output says so.
+so that the command stays finite and continuous. An output shows that the inverse is damped.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def damped_direction(jacobian: Vector, n: Vector, limit: float, damping: float) 
     Args:
         jacobian, n: see `joint_direction`.
         limit: largest `|J^-1 n|` that is used undamped [rad/m].
-        damping: lambda_max [m], of the size of the smallest singular value still trusted.
+        damping: lambda_max [m], about the smallest singular value that is inverted undamped.
 
     Returns:
         joint motion per metre [rad/m] and whether it was damped.
@@ -117,7 +117,7 @@ class KinematicInversion(PythonBlock):
         damping: lambda_max [m].
     """
 
-    REFRESHED = "posture"  # by its events, for block diagrams: the command does not wait for them
+    REFRESHED = "posture"  # renewed by its events, for block diagrams: they add no delay to the command
 
     def __init__(
         self,
@@ -141,7 +141,7 @@ class KinematicInversion(PythonBlock):
         context = robot.context_at(self._start)
         first, damped = damped_direction(robot.jacobian(context), self._n, self._limit, self._damping)
         direction = self.DeclareDiscreteState(first)
-        self._direction = int(direction)  # a number is looked up in half of the time
+        self._direction = int(direction)  # look-up by int takes half of the time
         self._near = self.DeclareDiscreteState([float(damped)])
         self._taken_at = self.DeclareDiscreteState(self._start)
         reads = {self.discrete_state_ticket(direction), self._command.ticket(), self._unconstrained.ticket()}
@@ -169,10 +169,10 @@ class KinematicInversion(PythonBlock):
 
 
 class ConstantKinematicInversion(PythonDiagram):
-    """The same for small motion about one posture: J is that of the start, so it is a constant matrix.
+    """Joint command for a displacement along n, for small motion about one posture: J of the start is constant.
 
-    What the unconstrained reference has along n by this J is taken out: it is the curvature that one dimension leaves
-    out.
+    The component of the unconstrained reference along n, by this J, is removed: it is the curvature of the path, which
+    a model in one dimension does not have.
 
     ```
     name: ConstantKinematicInversion

@@ -1,4 +1,4 @@
-"""What the scalar force laws share: their ports, the limits of the command, a compliance that is given or read."""
+"""Common parts of the scalar force laws: ports, limits of the command, compliance as a parameter or an input."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
 FORCES = ("desired_force", "measured_force")  # inputs of every force law
-_SMALL = 1e-9  # [m, N, m/s] of what a law remembers and reads, within all limits
+_SMALL = 1e-9  # [m, N, m/s] step of finite differences, within all limits
 
 
 def require_force_law(law: System, inputs: Iterable[str]) -> None:
-    """Refuse what is no force law: a controller of joints, or what lacks a port.
+    """Refuse a system that is no force law: a controller of joints, or one that lacks a port.
 
     Args:
         law: any system.
         inputs: ports that it must have beside the output displacement_command.
 
     Raises:
-        BadInputError: it is none.
+        BadInputError: it is no force law.
     """
     inputs = list(inputs)
     if "joint_position_command" in output_names(law):
@@ -44,7 +44,7 @@ def require_force_law(law: System, inputs: Iterable[str]) -> None:
 
 
 def model_bandwidth(law: Any) -> float | None:
-    """Bandwidth [rad/s] of the nominal closed loop, of a configuration; None where it does not tell."""
+    """Bandwidth [rad/s] of the nominal closed loop of a configuration; None where it has none."""
     return getattr(law, "reference_model_bandwidth", lambda: None)()
 
 
@@ -54,7 +54,7 @@ def low_pass(last: BatchValue, value: BatchValue, filter_time: BatchValue, perio
     Args:
         last: y[k-1].
         value: u[k].
-        filter_time: T [s], >= 0; without, y = u.
+        filter_time: T [s], >= 0; 0: y = u.
         period: Ts [s].
     """
     return last + (value - last) * (period / (filter_time + period))
@@ -69,16 +69,16 @@ class ForceLaw(SampledBatch):
     Args:
         size: n.
         parameters: of the law itself.
-        memory: what it remembers besides the command, by name, as it is before the first tick.
+        memory: states besides the command, by name, with their initial values.
         period: tick [s].
         lower_limit: of the command, a number or shape (n,) [m].
         upper_limit: the same.
         compliance: C_T_hat, a number or shape (n,) [m/N]; None: from the port.
-        inputs: further ones, of shape (n,).
-        shows: outputs besides the command, by what is remembered under the same names.
+        inputs: names of further inputs, of shape (n,).
+        shows: names of outputs besides the command, which show the states of these names.
     """
 
-    # Whether the law believes in a compliance, and the force that the command follows within the tick.
+    # Whether the law has a compliance in its model, and the input that the command follows within the tick.
     uses_compliance = True
     follows = "measured_force"
 
@@ -111,19 +111,19 @@ class ForceLaw(SampledBatch):
         self.show("displacement_command", *shows)
 
     def check_together(self, values: Mapping[str, Array]) -> None:
-        """The limits are in order."""
+        """Check that the limits are in order."""
         check_order("lower_limit", "upper_limit", values)
 
     def sampled_response(self) -> StateSpace:
         """From the measured force to [command, its rate] within the limits, of a linear law of one loop, n = 1.
 
-        The rate, which no drive uses, is zero. The matrices are what a little of each quantity makes of it in a tick.
+        The rate, which no drive uses, is zero. The matrices are finite differences of one tick.
         """
         context = self.CreateDefaultContext()
         rest = dict.fromkeys(self._inputs, 0.0)
         start = self.step(context, self.held(context), rest) | {"time": 0.0}
         packed = self._pack(start)
-        numbers = range(1, len(packed))  # the first one is the time
+        numbers = range(1, len(packed))  # element 0 is the time
 
         def after(state: Array, force: float) -> Array:
             memory = self.step(context, self._unpack(state), rest | {"measured_force": force})
@@ -131,7 +131,7 @@ class ForceLaw(SampledBatch):
 
         a = np.transpose([after(packed + _SMALL * np.eye(len(packed))[i], 0.0) for i in numbers])
         b = after(packed, _SMALL)[:, None]
-        # What the force does not reach stays as it is: the lag of the desired force, an adaptation of rate zero.
+        # Leave out states that the force does not reach: the lag of the desired force, an adaptation of rate zero.
         moved = b[:, 0] != 0.0
         for _ in numbers:
             moved = moved | (np.abs(a) @ moved > 0.0)
@@ -142,21 +142,21 @@ class ForceLaw(SampledBatch):
 
 
 class LawConfig:
-    """What the configurations of laws with a model of the compliance share."""
+    """Base of the configurations of laws with a model of the compliance."""
 
     compliance_error: float
 
     @abstractmethod
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> ForceLaw | Diagram:
-        """The block whose model has this total compliance [m/N], or a port for it (None)."""
+        """The block with this modelled total compliance [m/N], or with an input port for it (None)."""
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
-        """Add the law; its model has `compliance_error` times the true total compliance."""
+        """Add the law; its modelled compliance is `compliance_error` times the true total compliance."""
         return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
 
 
 class LinearLawConfig:
-    """What the configurations of linear laws share that are made for a model of the plant alone."""
+    """Base of the configurations of linear laws that need only a model of the plant."""
 
     @abstractmethod
     def law(self, model: PlantModel) -> ForceLaw:
@@ -172,27 +172,27 @@ class LinearLawConfig:
 
 
 class AroundLawConfig:
-    """What the configurations of parts around a force law share, whose key `law` it is."""
+    """Base of the configurations of parts around a force law, which is their key `law`."""
 
     law: Any
 
     def laws_within(self) -> Iterator[Any]:
-        """The law, and what that has within it."""
+        """The law, and those nested in it."""
         inner = self.law
         while inner is not None:
             yield inner
             inner = getattr(inner, "law", None)
 
     def refuse_another(self, what: str) -> None:
-        """BadInputError where the law has a part of this kind within it: one with the same outputs."""
+        """BadInputError where another part of this kind, with the same outputs, is nested in the law."""
         for each in self.laws_within():
             if isinstance(each, type(self)):
                 raise invalid("law", f"!{type(each).__name__.removesuffix('Config')}", f"a law, not a second {what}")
 
     def reference_model_bandwidth(self) -> float | None:
-        """Bandwidth [rad/s] of the law; None if it does not tell."""
+        """Bandwidth [rad/s] of the law; None if it has none."""
         return model_bandwidth(self.law)
 
     def force_laws(self, model: PlantModel) -> list[tuple[Any, float]]:
-        """The law inside, which feels the whole force; see `forcectl.force.slot`."""
+        """The law inside, with its share 1 of the contact's stiffness; see `forcectl.force.slot`."""
         return [(self.law, 1.0)]

@@ -1,12 +1,12 @@
-"""Force control with a controller that is linear in its parameters, as VRFT tunes it (Secs. 4.3 and 4.5)::
+"""Force control with a controller linear in its parameters, which VRFT tunes (Secs. 4.3 and 4.5)::
 
     dx_bar = u_hat - C_R_hat F                                                                         (4.12)
     u_hat  = C_rho(z) (F_bar - F)                                                                      (4.13)
     C_rho  = K_P + K_I Ts/(1 - z^-1) + K_D (1 - z^-1)/(Ts + T_D - T_D z^-1) + sum_i f_i z^-i           (4.20)
 
 With T_D = 0 this is the discrete PID of (4.20), whose gains are K_I Ts and K_D/Ts; T_D > 0 is the derivative
-s/(1 + s T_D) of Sec. 4.3. The plant gain from dx to F is negative, and so are the gains. The compliance of the robot is
-fed back positively: what is left of the plant is the environment, whatever the posture.
+s/(1 + s T_D) of Sec. 4.3. The plant gain from dx to F is negative, and so are the gains. The positive feedback of the
+robot's compliance leaves a plant with the environment's compliance alone, in every posture.
 
 Not in the thesis and off by default: a feed-forward -C_F F_bar of the desired force behind a first-order lag T_F.
 """
@@ -29,7 +29,7 @@ from forcectl.plant.plant_model import PlantModel
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 GAIN_UNITS = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivative_gain": "m s/N"}
-EARLY = 0.1  # [s] K_P over -K_I of a contact with damping, which is quick
+EARLY = 0.1  # [s] largest K_P/-K_I > 0: a contact with damping, whose force rises early, may need K_P > 0
 EXCITE, REGULATE = 0.0, 1.0  # values of `mode`
 
 
@@ -50,8 +50,8 @@ class LinearForceLaw(ForceLaw):
     proportional_gain, integral_gain, derivative_gain: shape (n,) [m/N, m/(N s), m s/N], ports when `gains` is None,
     else parameters. When they change, u_hat does not jump.
     excitation: shape (n,), u_hat of the open-loop experiment [m]; mode: shape (n,), `EXCITE` or `REGULATE` [1]. Both
-    exist with `open_loop`. In `EXCITE` the command follows the excitation, and the controller is kept such that it
-    takes over without a jump, whatever the force error is then.
+    ports exist with `open_loop`. In `EXCITE` the command follows the excitation. The integral tracks it, so that the
+    hand-over to `REGULATE` is without a jump for every force error.
     displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
     controller_output: shape (n,), u_hat = dx_bar + C_R_hat F [m] as commanded, after the limits.
     All outputs are feedthrough of all inputs at the tick.
@@ -60,14 +60,14 @@ class LinearForceLaw(ForceLaw):
     C_F [m/N] >= 0, feed_forward_filter T_F [s] >= 0, the three gains, and fir_0, fir_1, ... [m/N], as many as are
     given, lower_limit and upper_limit of dx_bar [m].
 
-    It starts at dx_bar = 0 under the force it finds, but for the feed-forward. At a limit the integral stands still
-    unless it leads away from it. A force, gain or excitation that is not a number holds the last command and everything
-    remembered. Lost contact reads as F = 0: the command goes after the surface, down to its lower limit.
+    The integral starts at C_R_hat F, so that the feedback of the force at the start does not move the command from 0.
+    At a limit the integral only changes away from it. A force, gain or excitation that is not a number holds the last
+    command and all states. After contact loss F = 0: the command follows the surface, down to its lower limit.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
 
     Args:
-        gains: K_P, K_I, K_D, each a number or shape (n,), negative as a command that presses is; None: from ports.
+        gains: K_P, K_I, K_D, each a number or shape (n,), negative, as the plant gain is; None: from ports.
         fir: f_0, f_1, ..., each a number or shape (n,).
 
     Raises:
@@ -137,7 +137,7 @@ class LinearForceLaw(ForceLaw):
 
         past = memory["last_errors"]
         feedback = robot * force
-        # A change of K_P goes into the integral; so does the force at the start.
+        # The integral compensates a change of K_P, and at the start the feedback of the force.
         integral = memory["integral"] + (memory["proportional"] - kp * past[0])
         integral = m.where(memory["started"] > 0, integral, feedback)
         proportional = kp * error
@@ -150,7 +150,7 @@ class LinearForceLaw(ForceLaw):
         others = proportional + derivative + moving - feedback - forward * expected
         after = integral + ki * period * error
         free = after + others
-        # At a limit the integral goes as far as the limit, and never back to get there.
+        # Beyond a limit the integral stops where the command reaches the limit, and is never reduced to get there.
         after = m.where((free > upper) & (after > integral), m.maximum(integral, upper - others), after)
         integral = m.where((free < lower) & (after < integral), m.minimum(integral, lower - others), after)
         command = m.minimum(m.maximum(integral + others, lower), upper)
@@ -173,29 +173,69 @@ class LinearForceLaw(ForceLaw):
 
 @dataclass(kw_only=True)
 class VrftConfig(Config, LinearLawConfig, in_batches=True):
-    """Scenario part `!Vrft`: PID with a filter, or FIR, with gains that VRFT has found; the default is Sec. 4.3.4.
+    """Scenario part `!Vrft`: PID with a filter, or FIR, with gains found by VRFT; the default is Sec. 4.3.4.
 
-    With `gains_from` the three gains are found before the run, see `forcectl.scenario.gains`, and none is written.
+    With `gains_from` the three gains are found before the run, see `forcectl.scenario.gains`, and none may be given.
     """
 
     gains_from: str | None = key(
-        None, "experiment that finds the three gains, on the station and seed of the run; null: as written"
+        None,
+        "name of the experiment that finds the three gains, on the station and seed of the run; null: the gains given "
+        "here",
     )
-    gains_variant: str | None = key(None, "of that experiment; null: the first")
-    proportional_gain: float = key(-5.37e-5, "gain K_P", unit="m/N", each=True)
+    gains_variant: str | None = key(None, "variant of the experiment that finds the gains; null: its first")
+    proportional_gain: float = key(
+        -5.37e-5, "proportional gain K_P, force error to displacement", unit="m/N", each=True
+    )
     integral_gain: float = key(
-        -2.53e-4, "gain K_I; pressing is negative", unit="m/(N s)", bounds="at most 0", each=True
+        -2.53e-4,
+        "integral gain K_I, force error to displacement rate; negative, as displacements into the surface are",
+        unit="m/(N s)",
+        bounds="at most 0",
+        each=True,
     )
-    derivative_gain: float = key(1.62e-8, "gain K_D", unit="m s/N", each=True)
-    fir: list[float] = key([], "further FIR coefficients f_0, f_1, ...", unit="m/N", bounds="from -100000 to 100000")
+    derivative_gain: float = key(
+        1.62e-8, "derivative gain K_D, force error rate to displacement", unit="m s/N", each=True
+    )
+    fir: list[float] = key(
+        [],
+        "coefficients f_0, f_1, ... of an FIR filter of the force error, added to the PID; empty: none",
+        unit="m/N",
+        bounds="from -100000 to 100000",
+    )
     derivative_filter: float | None = key(
-        None, "T_D; null: two control ticks", unit="s", bounds="from 0 to 100", each=True
+        None,
+        "time constant T_D of the derivative's filter; null: two ticks",
+        unit="s",
+        bounds="from 0 to 100",
+        each=True,
     )
-    robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="from 0 to 1000", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
+    robot_compliance_error: float = key(
+        1.0,
+        "modelled compliance of the robot relative to the true one, C_R_hat / C_R",
+        bounds="from 0 to 1000",
+        each=True,
+    )
+    lower_limit: float = key(
+        -0.1,
+        "lowest displacement command, deepest into the surface",
+        unit="m",
+        bounds="from -10 to -0.000001",
+        each=True,
+    )
+    upper_limit: float = key(
+        0.1,
+        "highest displacement command, furthest from the surface",
+        unit="m",
+        bounds="from 0.000001 to 10",
+        each=True,
+    )
     reference_bandwidth: float = key(
-        1.5, "of the reference model it was tuned for", unit="rad/s", bounds="positive", each=True
+        1.5,
+        "bandwidth of the reference model that the gains were tuned for",
+        unit="rad/s",
+        bounds="positive",
+        each=True,
     )
 
     def __post_init__(self) -> None:
@@ -219,7 +259,12 @@ class VrftConfig(Config, LinearLawConfig, in_batches=True):
         return self.reference_bandwidth
 
     def check_tunable(self, use: str, what: str) -> None:
-        """BadInputError unless gains that change can start from these: `use` of both, and `what` happens to the PID."""
+        """BadInputError unless the gains can be tuned or scaled from these values.
+
+        Args:
+            use: what K_P and K_I are needed for, for the message.
+            what: what is done with the PID gains, for the message.
+        """
         if not (self.proportional_gain < 0 and self.integral_gain < 0):
             gains = f"proportional_gain = {self.proportional_gain:g}, integral_gain = {self.integral_gain:g}"
             raise BadInputError(f"{gains}: must both be below zero, they {use}")
@@ -227,7 +272,7 @@ class VrftConfig(Config, LinearLawConfig, in_batches=True):
             raise invalid("fir", self.fir, f"empty: the PID gains are {what}")
 
     def law(self, model: PlantModel, *, gains_from_ports: bool = False) -> LinearForceLaw:
-        """The block; its model has `robot_compliance_error` times the true compliance of the robot."""
+        """The block; C_R_hat is `robot_compliance_error` times the true compliance of the robot."""
         gains = (self.proportional_gain, self.integral_gain, self.derivative_gain)
         return LinearForceLaw(
             model.size,

@@ -1,4 +1,4 @@
-"""Scenario part `!PerArm`: a force law of its own for each surface that is pressed on."""
+"""Scenario part `!PerArm`: a separate force law for each arm that presses."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ _INPUTS = (*FORCES, "motor_displacement", "path_displacement", "sliding")
 class PerArmConfig(Config):
     """Scenario part `!PerArm`: force laws by the name of the arm that presses."""
 
-    laws: dict[str, Any] = slot("controller", dict, meaning="by the name of the arm")
+    laws: dict[str, Any] = slot("controller", dict, meaning="force law of each arm that presses, by the arm's name")
 
     def force_laws(self, model: PlantModel) -> list[tuple[Any, float]]:
-        """The law of the arm that presses, none without one; see `forcectl.force.slot`."""
+        """The laws of the arms that press, each with the share 1; see `forcectl.force.slot`."""
         return [(law, 1.0) for arm, law in self.laws.items() if arm in model.arms]
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PerArm:
         """Add the laws.
 
         Raises:
-            BadInputError: not one law for each arm that presses.
+            BadInputError: there is not exactly one law for each arm that presses.
         """
         if sorted(self.laws) != sorted(model.arms):
             raise invalid("laws", sorted(self.laws), f"one for each arm that presses: {', '.join(model.arms)}")
@@ -41,7 +41,7 @@ class PerArmConfig(Config):
 
 
 class PerArm(PythonDiagram):
-    """Force laws side by side.
+    """Force laws of several arms side by side.
 
     ```
     name: PerArm
@@ -51,16 +51,16 @@ class PerArm(PythonDiagram):
     ```
 
     desired_force, measured_force: shape (k,) [N]. motor_displacement, path_displacement, sliding: shape (k,) [m, m, 1];
-    where a law has them.
+    the ports exist where a law has them.
     displacement_command: shape (k,) [m]. Feedthrough of desired_force and measured_force at the tick. Feedthrough of
     motor_displacement when a law predicts.
-    Further outputs of a law have the name of its arm in front, such as left_environment_compliance. All outputs are
+    Further outputs of a law have the name of its arm as a prefix, such as left_environment_compliance. All outputs are
     feedthrough of desired_force, measured_force and motor_displacement when those of the laws are.
 
-    Sampling: every `period` [s] the laws; no delay beyond that of the laws.
+    Sampling: every `period` [s] of the laws; no delay beyond that of the laws.
 
     Args:
-        laws: by arm.
+        laws: configurations of force laws, by arm.
         model: of the plant, with k loops.
 
     Raises:

@@ -5,8 +5,9 @@ sensor::
     d = C_T_hat F + H dx_motor
 
 with H the filter and delay of the sensor and T their lag; in the unit of C_T_hat F/2, see `ForceLimit`. p is the depth
-that is commanded, or reached, beyond what the sensor shows. The way back counts a quarter, which is half of what the
-model says. d is what the motion does not explain, a surface that rises: it goes on while the sensor lags.
+that is commanded, or reached, beyond what the sensor shows. A retreat, p < 0, counts a quarter, which is half of its
+modelled value. d is the displacement that the motion does not explain, such as a surface that rises; its rate is
+assumed to last for the lag.
 """
 
 from __future__ import annotations
@@ -24,19 +25,19 @@ if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
 _WAY_BACK = 0.25
-_SMOOTHING = 0.25  # of the rate d', in lags
-_MAX_DISPLACEMENT = 10.0  # [m] nothing moves so far
+_SMOOTHING = 0.25  # time constant of the filter of d', in sensor lags
+_MAX_DISPLACEMENT = 10.0  # [m] a larger one is implausible
 
 
 def sensor_model(model: PlantModel, size: int) -> LinearSystem | LinearBatch:
-    """The filter and delay of the force sensor as they are known, for so many signals."""
+    """The modelled filter and delay of the force sensor, for `size` signals."""
     return sensor_filter(
         size, model.sensor_bandwidth, model.sensor_damping_ratio, model.period, _sensor_delay_ticks(model)
     )
 
 
 def sensor_response(model: PlantModel) -> StateSpace:
-    """The same as a sampled linear system, from a force to the measured one."""
+    """The modelled filter and delay as a sampled linear system, from a force to the measured one."""
     matrices = filter_matrices(model.sensor_bandwidth, model.sensor_damping_ratio, model.period)
     lag = behind_delay(*matrices, _sensor_delay_ticks(model), model.period)
     return state_space(lag.A(), lag.B(), lag.C(), lag.D(), model.period)
@@ -47,9 +48,9 @@ def _sensor_delay_ticks(model: PlantModel) -> int:
 
 
 class SensorLag:
-    """The force sensor as its filter and delay are known.
+    """Lead for the modelled filter and delay of the force sensor.
 
-    Without memory of its own: who uses it keeps `size` numbers, zeros at rest at 0.
+    It has no state of its own: the caller keeps `size` numbers, zeros at rest at 0.
 
     Args:
         bandwidth: [rad/s], > 0.
@@ -67,17 +68,17 @@ class SensorLag:
 
     @classmethod
     def of(cls, model: PlantModel) -> SensorLag:
-        """That of a loop."""
+        """The sensor of a loop's model."""
         return cls(model.sensor_bandwidth, model.sensor_damping_ratio, model.period, _sensor_delay_ticks(model))
 
     def lead(self, memory: list[float], command: float, moved: float, depth: float) -> tuple[float, list[float]]:
-        """What is to be added to C_T_hat F/2 [m], and the memory of the next tick.
+        """The lead, to be added to C_T_hat F/2 [m], and the memory of the next tick.
 
         Args:
             memory: `size` numbers.
             command: dx_bar [m].
-            moved: dx_motor [m]; the command if that is no number.
-            depth: C_T_hat F of the measured force [m]; if that is no number, the surface is taken to stay.
+            moved: dx_motor [m]; if it is not a number, the command is used.
+            depth: C_T_hat F of the measured force [m]; if it is not a number, the surface is assumed to be at rest.
         """
         x, rate, surface, *line = memory
         if not abs(moved) < _MAX_DISPLACEMENT:

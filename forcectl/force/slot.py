@@ -1,4 +1,4 @@
-"""The slot of a controller: what fills it.
+"""The slot `controller`: ports of the systems that can fill it.
 
 ForceLaw (for k force loops at once)::
 
@@ -10,7 +10,7 @@ ForceLaw (for k force loops at once)::
 
 Controller of joints::
 
-    in   any signals of `forcectl.conventions` that are no truth
+    in   any signals of `forcectl.conventions` except true values of the simulation
     out  joint_position_command: shape (n,) [rad]
          joint_velocity_command: shape (n,) [rad/s], joint_torque_feedforward: shape (n,) [Nm], optional
          any further outputs are diagnostics
@@ -20,16 +20,17 @@ adds the controller with further ports::
 
     in   desired_force, measured_force: shape (1,) [N], zero outside of contact
          approach_displacement: shape (1,), x_a of the guarded move along the normal, to be added to the command [m]
-    out  approach_displacement: shape (1,), what of it the command holds, within walls and joint limits [m]
+    out  approach_displacement: shape (1,), the part of it in the command, within walls and joint limits [m]
 
-A force law is made a controller of joints by the kinematic inversion. Everything runs every `model.period` from t = 0.
-Let outputs be feedthrough at the tick and held, as `SampledBlock` does: the robot then takes the command of a tick in
-that tick; what is a state of the filler it takes one tick later.
+The kinematic inversion makes a controller of joints from a force law. Everything runs every `model.period` from t = 0.
+Let outputs be feedthrough at the tick and held, as `SampledBlock` does: the robot then uses the command of a tick in
+that tick. An output that is a state reaches the robot one tick later.
 
-Of a configuration of a force law with `sampled_response(model)`, the law as a linear system in one force loop,
-`forcectl check` tells the stability margins, see `forcectl.force.chain`; with `must_be_stable` it is refused where the
-sampled loop is unstable, and has the attributes `inertia` and `damping`. It is also found within others that say what
-is in them: their `force_laws(model)` returns pairs of a law and its share of the contact's stiffness, from 0 to 1.
+A configuration of a force law may have `sampled_response(model)`, the law as a linear system in one force loop: then
+`forcectl check` reports the stability margins, see `forcectl.force.chain`. With `must_be_stable` it is refused where
+the sampled loop is unstable, and must have the attributes `inertia` and `damping`. A law inside another configuration
+is found if that has `force_laws(model)`, which returns pairs of a law and its share of the contact's stiffness, from 0
+to 1.
 """
 
 from __future__ import annotations
