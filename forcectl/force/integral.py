@@ -172,7 +172,7 @@ class IntegralLawConfig(Config, LawConfig):
         return self.integral_gain
 
     def law(self, model: PlantModel, compliance: ArrayLike | None, *, limited: bool = True) -> IntegralForceLaw:
-        """The block whose model has this total compliance [m/N], or a port for it (None)."""
+        """The block with this modelled total compliance [m/N], or with an input port for it (None)."""
         return IntegralForceLaw(
             model.size,
             integral_gain=self.integral_gain,

@@ -24,7 +24,7 @@ from forcectl.plant.sensors.force_sensor import filter_matrices, sensor_filter
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-_WAY_BACK = 0.25
+_RETREAT_WEIGHT = 0.25  # of p < 0
 _SMOOTHING = 0.25  # time constant of the filter of d', in sensor lags
 _MAX_DISPLACEMENT = 10.0  # [m] a larger one is implausible
 
@@ -91,6 +91,6 @@ class SensorLag:
         if not abs(rise) < _MAX_DISPLACEMENT:
             rise = 0.0
         beyond = shown - min(command, moved)
-        lead = (beyond if beyond > 0.0 else _WAY_BACK * beyond) + max(rise, 0.0) / (2 * _SMOOTHING)
+        lead = (beyond if beyond > 0.0 else _RETREAT_WEIGHT * beyond) + max(rise, 0.0) / (2 * _SMOOTHING)
         following = [a * x + b * rate + e * late, c * x + d * rate + f * late, surface + self._share * rise]
         return lead, following + line

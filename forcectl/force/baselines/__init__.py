@@ -1,1 +1,1 @@
-"""Force laws of the field besides those of the thesis, in the same slot."""
+"""Force laws of the literature besides those of the thesis, for the same slot `controller`."""

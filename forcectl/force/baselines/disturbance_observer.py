@@ -1,17 +1,18 @@
-"""Force control with a disturbance observer, around a robot that takes positions::
+"""Force control with a disturbance observer, for a position-controlled robot::
 
     d[k]      = d[k-1] + (-C_T_hat F[k] - x_m[k] - d[k-1]) g Ts/(1 + g Ts)                              observer
     x_m[k]    = x_m[k-1] + (dx_bar[k-1] - x_m[k-1]) Ts/(T_m + Ts)                               nominal model of the lag
     dx_bar[k] = -C_T_hat F_r[k] - d[k],    F_r[k] = F_r[k-1] + (F_bar[k] - F_r[k-1]) w Ts/(1 + w Ts)      two degrees
 
-d is the displacement by which the force differs from what the command should have made of it: a surface that lies
-elsewhere, friction of the drives, a wrong compliance. It is taken off the command. The limited command enters the
-model, so that a limit does not wind the observer up.
+d is the difference, as a displacement, between the measured force and the one that the model predicts for the command:
+an offset of the surface, friction of the drives, a wrong compliance. It is subtracted from the command. The limited
+command enters the model, so that a limit does not wind up the observer.
 
 Sources: K. Ohnishi, M. Shibata and T. Murakami, Motion control for advanced mechatronics, IEEE/ASME Transactions on
 Mechatronics 1(1), 1996; review with the force loop: E. Sariyildiz, R. Oboe and K. Ohnishi, Disturbance observer-based
 robust control and its applications: 35th anniversary overview, IEEE Transactions on Industrial Electronics 67(3), 2020.
-There the robot takes accelerations, here positions: the nominal plant is the compliance alone behind a lag T_m.
+There the robot is acceleration-controlled, here position-controlled: the nominal plant is the compliance behind a lag
+T_m.
 
 Stability on the ideal plant F[k] = -dx_bar[k-1]/C_T with T_m = 0: the pole of the observer is 1 - (C_T_hat/C_T)
 g Ts/(1 + g Ts), stable if and only if::
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 
 class DisturbanceObserverForceLaw(ForceLaw):
-    """Force control by the model of the contact, with a disturbance observer, for n independent force loops.
+    """Feed-forward force control by the contact's compliance, with a disturbance observer, for n independent loops.
 
     ```
     name: DisturbanceObserverForceLaw
@@ -51,13 +52,13 @@ class DisturbanceObserverForceLaw(ForceLaw):
     desired_force, measured_force: shape (n,) [N].
     compliance: shape (n,), C_T_hat [m/N], > 0; the port exists when no `compliance` is given, else it is a parameter.
     displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
-    disturbance: shape (n,), d [m]; positive: the tool is pressed less than it should be.
+    disturbance: shape (n,), d [m]; positive: the measured force is smaller than the modelled one.
     All outputs are feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): observer_bandwidth g [rad/s] and reference_bandwidth w [rad/s], positive and
     finite, model_lag T_m [s] >= 0, lower_limit and upper_limit of dx_bar [m], compliance C_T_hat [m/N] > 0.
 
-    A force that is not a number holds the command and everything remembered.
+    A force that is not a number holds the command and all states.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
     """
@@ -115,23 +116,45 @@ class DisturbanceObserverForceLaw(ForceLaw):
 
 @dataclass(kw_only=True)
 class DisturbanceObserverConfig(Config, LawConfig, in_batches=True):
-    """Scenario part `!DisturbanceObserver`: the depth by the model of the contact, what it misses is observed."""
+    """Scenario part `!DisturbanceObserver`: feed-forward by the contact's compliance, with a disturbance observer."""
 
-    observer_bandwidth: float = key(1.5, "g", unit="rad/s", bounds="positive", each=True)
-    reference_bandwidth: float = key(1.5, "w of the desired force", unit="rad/s", bounds="positive", each=True)
-    model_lag: float | None = key(
-        None, "T_m, command to measured force; null: the sensor's", unit="s", bounds="from 0 to 1", each=True
+    observer_bandwidth: float = key(
+        1.5, "bandwidth g of the disturbance observer", unit="rad/s", bounds="positive", each=True
     )
-    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
+    reference_bandwidth: float = key(
+        1.5, "bandwidth w of the filter of the desired force", unit="rad/s", bounds="positive", each=True
+    )
+    model_lag: float | None = key(
+        None,
+        "time constant T_m of the modelled lag from the command to the measured force; null: the sensor's lag",
+        unit="s",
+        bounds="from 0 to 1",
+        each=True,
+    )
+    compliance_error: float = key(
+        1.0, "modelled total compliance relative to the true one, C_T_hat / C_T", bounds="from 0.001 to 1000", each=True
+    )
+    lower_limit: float = key(
+        -0.1,
+        "lowest displacement command, deepest into the surface",
+        unit="m",
+        bounds="from -10 to -0.000001",
+        each=True,
+    )
+    upper_limit: float = key(
+        0.1,
+        "highest displacement command, furthest from the surface",
+        unit="m",
+        bounds="from 0.000001 to 10",
+        each=True,
+    )
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the nominal closed loop."""
         return self.reference_bandwidth
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> DisturbanceObserverForceLaw:
-        """The block whose model has this total compliance [m/N], or a port for it (None)."""
+        """The block with this modelled total compliance [m/N], or with an input port for it (None)."""
         return DisturbanceObserverForceLaw(
             model.size,
             observer_bandwidth=self.observer_bandwidth,

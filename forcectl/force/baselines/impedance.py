@@ -1,4 +1,4 @@
-"""Impedance control with force tracking, and adaptive admittance, around a robot that takes positions::
+"""Impedance control with force tracking, and adaptive admittance, for a position-controlled robot::
 
     H e'' + D (e' + phi) + K e = F - F_bar,    dx_bar = x_r + e,    x_r = -C_T_hat F_r                 target impedance
     phi[k+1] = phi[k] + s Ts (F_bar[k] - F[k])/D                                                       adaptation
@@ -7,12 +7,12 @@
     e[k+1] = e[k] + Ts v[k] + Ts^2/2 a,    v[k+1] = v[k] + Ts a,    dx_bar = x_r[k] + e[k+1]          as implemented
     F_r[k] = F_r[k-1] + (F_bar[k] - F_r[k-1]) Ts/(T_F + Ts)
 
-`!Impedance`: K > 0, and the reference x_r is the place where the contact has the desired force by its model. N. Hogan,
+`!Impedance`: K > 0, and the reference x_r is the displacement at which the model has the desired force. N. Hogan,
 Impedance control, Journal of Dynamic Systems, Measurement, and Control 107(1), 1985; x_r from the compliance of the
 environment: H. Seraji and R. Colbaugh, Force tracking in impedance control, International Journal of Robotics Research
-16(1), 1997. Without adaptation the model decides: at rest F/F_bar = (1 + K C_T_hat)/(1 + K C_T).
+16(1), 1997. Without adaptation the steady state is F/F_bar = (1 + K C_T_hat)/(1 + K C_T).
 
-`!AdaptiveAdmittance`: K = 0 and no model, phi changes the damping on line so that a surface that moves is followed. J.
+`!AdaptiveAdmittance`: K = 0 and no model; phi adapts the damping on line, to track a surface that moves. J.
 Duan, Y. Gan, M. Chen and X. Dai, Adaptive variable impedance control for dynamic contact force tracking in uncertain
 environment, Robotics and Autonomous Systems 102, 2018, where D phi is written as a change of D, Delta D = D phi/e', and
 s Ts is the update rate sigma; S. Jung, T. C. Hsia and R. G. Bonitz, Force tracking impedance control of robot
@@ -47,7 +47,7 @@ from forcectl.plant.plant_model import PlantModel
 
 
 class ImpedanceForceLaw(ForceLaw):
-    """Target impedance with a reference from the desired force and an adapted velocity, for n independent force loops.
+    """Target impedance, with a reference from the desired force and an adapted velocity, for n independent force loops.
 
     ```
     name: ImpedanceForceLaw
@@ -59,15 +59,15 @@ class ImpedanceForceLaw(ForceLaw):
 
     desired_force, measured_force: shape (n,) [N].
     displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
-    adapted_velocity: shape (n,), phi after the tick [m/s], at which the tool presses on without a force error.
+    adapted_velocity: shape (n,), phi after the tick [m/s]: velocity into the surface at zero force error.
     All outputs are feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): inertia H [kg] and damping D [N s/m], positive, stiffness K [N/m] >= 0,
     adaptation_rate s [1/s] >= 0, reference_compliance C_T_hat [m/N] >= 0, reference_filter T_F [s] >= 0, lower_limit
     and upper_limit of dx_bar [m]. H > D Ts/2 and D > K Ts/2: else the impedance alone is unstable.
 
-    At a limit of the command it stops there, and phi is adapted only so that it leads away from it. A force that is not
-    a number holds the command and everything remembered.
+    At a limit the command stops, and phi is only adapted away from the limit. A force that is not a number holds the
+    command and all states.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
     """
@@ -109,7 +109,7 @@ class ImpedanceForceLaw(ForceLaw):
         )
 
     def check_together(self, values: Mapping[str, Array]) -> None:
-        """The impedance alone is stable, and the limits are in order."""
+        """Check that the impedance alone is stable, and that the limits are in order."""
         super().check_together(values)
         for name, by in (("inertia", "damping"), ("damping", "stiffness")):
             least = 0.5 * self._period * values[by]
@@ -136,7 +136,7 @@ class ImpedanceForceLaw(ForceLaw):
             "displacement_command": command,
             "displacement": command - reference,
             "velocity": m.where(beyond == 0.0, v, 0.0),
-            # phi presses: what leads further beyond the limit is left out.
+            # Positive phi moves into the surface: no change that leads further beyond the limit.
             "adapted_velocity": m.where(beyond * change < 0.0, phi, phi + change),
             "expected_force": expected,
         }
@@ -147,11 +147,25 @@ class ImpedanceForceLaw(ForceLaw):
 class AdaptiveAdmittanceConfig(Config, LinearLawConfig, in_batches=True):
     """Scenario part `!AdaptiveAdmittance`: an admittance whose damping is adapted on line to surfaces that move."""
 
-    inertia: float = key(26.5, "H of the target impedance", unit="kg", bounds="positive", each=True)
-    damping: float = key(2650.0, "D of the target impedance", unit="N s/m", bounds="positive", each=True)
-    adaptation_rate: float = key(0.3, "s of the adaptation", unit="1/s", bounds="positive", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
+    inertia: float = key(26.5, "inertia H of the admittance", unit="kg", bounds="positive", each=True)
+    damping: float = key(2650.0, "damping D of the admittance", unit="N s/m", bounds="positive", each=True)
+    adaptation_rate: float = key(
+        0.3, "rate s at which the force error adapts the velocity phi", unit="1/s", bounds="positive", each=True
+    )
+    lower_limit: float = key(
+        -0.1,
+        "lowest displacement command, deepest into the surface",
+        unit="m",
+        bounds="from -10 to -0.000001",
+        each=True,
+    )
+    upper_limit: float = key(
+        0.1,
+        "highest displacement command, furthest from the surface",
+        unit="m",
+        bounds="from 0.000001 to 10",
+        each=True,
+    )
 
     def law(self, model: PlantModel) -> ImpedanceForceLaw:
         """The block."""
@@ -168,21 +182,41 @@ class AdaptiveAdmittanceConfig(Config, LinearLawConfig, in_batches=True):
 
 @dataclass(kw_only=True)
 class ImpedanceConfig(Config, LinearLawConfig, in_batches=True):
-    """Scenario part `!Impedance`: a target impedance whose reference is where the desired force should be."""
+    """Scenario part `!Impedance`: a target impedance whose reference is the depth modelled for the desired force."""
 
-    inertia: float = key(66.0, "H of the target impedance", unit="kg", bounds="positive", each=True)
-    damping: float = key(6620.0, "D of the target impedance", unit="N s/m", bounds="positive", each=True)
-    stiffness: float = key(5000.0, "K of the target impedance", unit="N/m", bounds="positive", each=True)
+    inertia: float = key(66.0, "inertia H of the target impedance", unit="kg", bounds="positive", each=True)
+    damping: float = key(6620.0, "damping D of the target impedance", unit="N s/m", bounds="positive", each=True)
+    stiffness: float = key(5000.0, "stiffness K of the target impedance", unit="N/m", bounds="positive", each=True)
     adaptation_rate: float = key(
-        0.0, "s; without, a wrong compliance leaves a force error", unit="1/s", bounds="not negative", each=True
+        0.0,
+        "rate s at which the force error adapts the velocity phi; 0: a wrong compliance leaves a force error",
+        unit="1/s",
+        bounds="not negative",
+        each=True,
     )
-    reference_filter: float = key(0.67, "T_F", unit="s", bounds="positive", each=True)
-    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
+    reference_filter: float = key(
+        0.67, "time constant T_F of the filter of the desired force", unit="s", bounds="positive", each=True
+    )
+    compliance_error: float = key(
+        1.0, "modelled total compliance relative to the true one, C_T_hat / C_T", bounds="from 0.001 to 1000", each=True
+    )
+    lower_limit: float = key(
+        -0.1,
+        "lowest displacement command, deepest into the surface",
+        unit="m",
+        bounds="from -10 to -0.000001",
+        each=True,
+    )
+    upper_limit: float = key(
+        0.1,
+        "highest displacement command, furthest from the surface",
+        unit="m",
+        bounds="from 0.000001 to 10",
+        each=True,
+    )
 
     def reference_model_bandwidth(self) -> float | None:
-        """Bandwidth 1/T_F [rad/s] with the right compliance."""
+        """Bandwidth 1/T_F [rad/s] for C_T_hat = C_T."""
         return 1 / self.reference_filter
 
     def law(self, model: PlantModel) -> ImpedanceForceLaw:

@@ -5,21 +5,21 @@
     x[k]    = x[k-1] + u[k] - u[k-1] + delta[k]                                                    u: command of the law
     delta   = -(E_0 + E_u)/F[k] where E_u = E[k-1] + F[k] (x[k-1] + u[k] - u[k-1] - x_m[k-1]) < -E_0, else 0  controller
 
-E is the energy that the contact has put into the robot, counted from zero; pressing in puts it into the contact, and so
-E is negative as long as the surface is pressed. A spring of the compliance C_T that is pressed with F holds C_T F^2/2.
-The law may put in E_0 and no more: then delta takes off as much of its motion as would put in more, at once, and at
-most all of it.
+E is the energy that the contact has put into the robot, counted from zero. Pressing puts energy into the contact, so
+that E is negative as long as the surface is pressed. A spring of the compliance C_T under the force F stores C_T F^2/2.
+The law may put in at most E_0: within the tick, delta removes the part of its motion that would put in more, at most
+all of it.
 
 Source: B. Hannaford and J.-H. Ryu, Time-domain passivity control of haptic interfaces, IEEE Transactions on Robotics
 and Automation 18(1), 2002, the parallel arrangement (force in, motion out), with the initial energy E_0; that is T_m =
 0. The lag T_m is an addition: behind the filter of a force sensor, which is slower than the drives, the energy of the
-commanded motion is a fraction of the true one, and what oscillates passes for passive. As in the source, delta is not
-given back: the command of the law and that of the robot drift apart by `passivity_offset`. A law with an integral makes
-up for it. What friction and damping of a surface take counts as put in for good: after long pressing and letting go on
-such a surface, E_0 is used up.
+commanded motion is a fraction of the true one, and an oscillation appears passive. As in the source, delta is not
+undone: the command of the law and that of the robot drift apart by `passivity_offset`. A law with an integral
+compensates that. Energy dissipated by friction and damping of the surface remains counted: after long pressing and
+releasing on such a surface, E_0 is used up.
 
-On the ideal plant F[k] = -x[k-1]/C_T, starting untouched and with T_m = 0, E >= -E_0 bounds the force by F_max^2 = 2
-E_0/C_T + the squares of what the force changes by in each tick, which the observer sees one tick late.
+On the ideal plant F[k] = -x[k-1]/C_T, starting without contact and with T_m = 0, E >= -E_0 bounds the force by F_max^2
+= 2 E_0/C_T + the squares of the force changes of each tick, which the observer has one tick late.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ class PassivityController(SampledBatch):
 
     law_command: shape (n,), u [m]. measured_force: shape (n,), F [N].
     displacement_command: shape (n,), x [m], held over [t_k, t_k+1).
-    observed_energy: shape (n,), E after the tick [J]; negative: the surface got it.
+    observed_energy: shape (n,), E after the tick [J]; negative: energy in the surface.
     passivity_offset: shape (n,), x - u [m].
     All outputs are feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): energy E_0 [J] >= 0; infinite: the observer alone. model_lag T_m [s] >= 0.
 
-    An input that is not a number holds everything; the next good tick makes up for the motion of the law meanwhile.
+    An input that is not a number holds outputs and states; the next valid tick makes up for the missed motion.
 
     Sampling: every `period` [s]; no delay, see `SampledBlock`.
     """
@@ -79,7 +79,7 @@ class PassivityController(SampledBatch):
         self.show(*shown)
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
-        """One tick of both."""
+        """One tick of observer and controller."""
         m = self.math
         budget, lag = self.values(context)
         wanted, force = inputs["law_command"], inputs["measured_force"]
@@ -104,7 +104,7 @@ class PassivityController(SampledBatch):
 
 
 class PassiveForceLaw(Around):
-    """A force law behind whose command stand passivity observer and controller.
+    """A force law whose command passes through a passivity observer and controller.
 
     ```
     name: PassiveForceLaw
@@ -142,13 +142,21 @@ class PassiveForceLaw(Around):
 class PassiveConfig(AroundLawConfig, Config, in_batches=True):
     """Scenario part `!Passive`: passivity observer and controller around any force law, which bound its energy."""
 
-    law: Any = slot("controller", IntegralConfig, meaning="force law that is observed")
+    law: Any = slot("controller", IntegralConfig, meaning="force law whose energy is bounded")
     energy: float = key(
-        0.05, "E_0; the springs of 5.9e3 N/m hold it at 22 N", unit="J", bounds="from 0 to 1000000", each=True
+        0.05,
+        "largest energy E_0 that the force law may put into the contact; springs of 5.9e3 N/m store 0.05 J at 22 N",
+        unit="J",
+        bounds="from 0 to 1000000",
+        each=True,
     )
 
     model_lag: float | None = key(
-        None, "T_m, motion to measured force; null: the sensor's", unit="s", bounds="from 0 to 1", each=True
+        None,
+        "time constant T_m of the modelled lag from the motion to the measured force; null: the sensor's lag",
+        unit="s",
+        bounds="from 0 to 1",
+        each=True,
     )
 
     def __post_init__(self) -> None:

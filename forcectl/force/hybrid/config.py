@@ -2,10 +2,10 @@
 
     x_i selected:    dx_bar_i = law(w_bar_i, w_i),     other:    x_i by the reference in the unconstrained directions
 
-w is the measured wrench at the TCP in the task frame. Every selected direction has a scalar force law of its own, any
-that fills the slot of controllers; about an axis it reads torques [Nm] in the place of forces and commands angles [rad]
-in the place of displacements. Signs are those of forces along a normal: an axis that points out of the surface, and
-F = -dx/C; a torque on the tool is positive about its axis, and a tool that is turned too far feels tau = -theta/C.
+w is the measured wrench at the TCP in the task frame. Every selected direction has its own scalar force law, any that
+fills the slot `controller`. About an axis it has torques [Nm] as inputs in place of forces, and commands angles [rad]
+in place of displacements. Signs are those of forces along a normal: the axis points out of the surface, and F = -dx/C.
+A torque on the tool is positive about its axis, with tau = -theta/C for a tool that is turned by theta.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from forcectl.framework.wiring import Enclosed, add_part, input_names, optional_
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.plant_model import PlantModel
 
-_SOFTEST = 1.0  # [m/N] along an axis
-_ALONG_NORMAL = 0.7  # least cosine to the normal with which the model's C_E is that of a direction
-_ACROSS = 1e-6  # square of the cosine to the normal up to which an axis is across it
+_SOFTEST = 1.0  # [m/N] largest compliance along an axis
+_ALONG_NORMAL = 0.7  # least cosine between an axis and the normal for which the axis has the model's C_E
+_ACROSS = 1e-6  # square of the cosine between an axis and the normal up to which the axis counts as tangential
 _OFFERED = (*FORCES, "motor_displacement", "path_displacement", "sliding")
 
 
@@ -42,12 +42,19 @@ _OFFERED = (*FORCES, "motor_displacement", "path_displacement", "sliding")
 class DirectionConfig(Config):
     """A direction whose force or torque is controlled."""
 
-    law: Any = slot("controller", IntegralConfig, meaning="a force law; about an axis its forces are torques")
+    law: Any = slot(
+        "controller", IntegralConfig, meaning="force law of this direction; about an axis its forces are torques"
+    )
     desired: float | None = key(
-        None, "force or torque; null: along an axis the loop's reference, about one zero", unit="N or Nm"
+        None,
+        "desired force along, or torque about, an axis; null: the loop's reference along an axis, zero about one",
+        unit="N or Nm",
     )
     compliance: float | None = key(
-        None, "C_E in this direction; null: the model's, along the normal only", unit="m/N or rad/Nm", bounds="positive"
+        None,
+        "compliance C_E of the environment in this direction; null: the model's, for an axis along the normal only",
+        unit="m/N or rad/Nm",
+        bounds="positive",
     )
 
 
@@ -56,21 +63,26 @@ class HybridConfig(Config):
     """Scenario part `!Hybrid`."""
 
     directions: dict[str, DirectionConfig] = key(
-        meaning="x, y, z, rx, ry or rz, along and about the axes of the task frame; the others are moved"
+        meaning="force-controlled directions x, y, z along, and rx, ry, rz about, the axes of the task frame; the "
+        "others are motion-controlled"
     )
     rotation_deg: list[float] = key(
         [180.0, 0.0, 0.0],
-        "roll, pitch, yaw of the task frame in the TCP frame; z out of the surface",
+        "roll, pitch and yaw of the task frame relative to the TCP frame; its z axis points out of the surface",
         unit="deg",
         size=3,
     )
     fixed_in: str = key(
         "tool",
-        "tool: the axes move with it; world: they stay as they are at the start; surface: z turns to the force felt",
+        "axes of the task frame; tool: move with the tool; world: stay as at the start; surface: z follows the surface "
+        "normal, estimated from the measured force",
         choices=("tool", "world", "surface"),
     )
     smallest_singular_value: float = key(
-        0.02, "of the Jacobian, below which it is damped", unit="1", bounds="above 0 and at most 1"
+        0.02,
+        "singular value of the Jacobian below which its inverse is damped",
+        unit="1",
+        bounds="above 0 and at most 1",
     )
 
     def __post_init__(self) -> None:
@@ -90,16 +102,16 @@ class HybridConfig(Config):
         """Add the controller.
 
         Raises:
-            BadInputError: a law that is none, or that wants what a direction does not have.
+            BadInputError: a law is no scalar force law, or has inputs that a direction does not offer.
         """
         hybrid = Hybrid(self.directions, self._axes(model), model, smallest=self.smallest_singular_value)
         return builder.AddNamedSystem("hybrid", hybrid)
 
     def force_laws(self, model: PlantModel) -> list[tuple[Any, float]]:
-        """The laws along axes that are not across the normal at the start; see `forcectl.force.slot`.
+        """The laws along axes that are not tangential to the surface at the start; see `forcectl.force.slot`.
 
-        An axis a feels the share a'n of the force, and moves the tool along the normal by a'n of its command. Equal
-        laws are one law in all of their axes. About an axis a force at the TCP has no torque.
+        The component a'n of the force acts along an axis a, and a'n of its command moves the tool along the normal: the
+        share is (a'n)^2. The shares of equal laws add up. A force at the TCP has no torque about an axis.
         """
         axes = self._axes(model)
         rotation = axes.rotation(axes.robot.context_at(model.start), model.n if axes.follow else None)
@@ -125,7 +137,7 @@ def _follows_reference(name: str, direction: DirectionConfig) -> bool:
 def direction_model(model: PlantModel, axes: TaskAxes, name: str, compliance: float | None) -> PlantModel:
     """The model of the plant along or about one axis at the start, for the law of that direction.
 
-    The robot's compliance is that of (2.7) in this direction, with the share of it that the model has along the normal.
+    The robot's compliance is the model's, times the ratio of (2.7) in this direction to (2.7) along the normal.
 
     Args:
         model: with one force loop.
@@ -162,7 +174,7 @@ def direction_model(model: PlantModel, axes: TaskAxes, name: str, compliance: fl
 
 
 class Hybrid(PythonDiagram):
-    """Force laws in selected directions of a task frame, motion in the others.
+    """Force control in selected directions of a task frame, motion control in the others.
 
     ```
     name: Hybrid
@@ -173,7 +185,7 @@ class Hybrid(PythonDiagram):
     measured_wrench: shape (6,), of the environment on the tool, at S in S, [torque; force] [Nm, N].
     motor_position, unconstrained_reference: shape (n,) [rad]; the last is the joint motion in the unconstrained
     directions, from the start.
-    desired_force: shape (1,), of the direction that follows the reference [N]; the port exists where there is one.
+    desired_force: shape (1,), of the direction that follows the reference [N]; the port exists if there is one.
     joint_position_command: shape (n,) [rad]. Feedthrough of all inputs.
     task_wrench: shape (6,), of the environment on the tool, at the TCP in the task frame [Nm, N]. Feedthrough of
     measured_wrench and motor_position.
@@ -187,10 +199,10 @@ class Hybrid(PythonDiagram):
         directions: by name.
         axes: of the task frame.
         model: of the plant, with one force loop.
-        smallest: singular value of the Jacobian below which it is damped [1].
+        smallest: singular value of the Jacobian below which its inverse is damped [1].
 
     Raises:
-        BadInputError: a law that is none, or that wants what a direction does not have.
+        BadInputError: a law is no scalar force law, or has inputs that a direction does not offer.
     """
 
     port_units = {"task_displacement": "m,rad"}
@@ -221,7 +233,7 @@ class Hybrid(PythonDiagram):
         reference = builder.ExportInput(motion.GetInputPort("unconstrained_reference"), "unconstrained_reference")
         offered = {name: {"motor_displacement": port} for name, port in zip(names, displacements, strict=True)}
         if any("path_displacement" in input_names(law) for law in laws.values()):
-            # The reference has nothing in a selected direction.
+            # The reference has no motion in a selected direction.
             still = add("no_path", ConstantVectorSource(np.zeros(1))).get_output_port()
             offered = {name: ports | {"path_displacement": still} for name, ports in offered.items()}
         if any("sliding" in input_names(law) for law in laws.values()):
@@ -252,7 +264,7 @@ class Hybrid(PythonDiagram):
 def _add_law(
     builder: DiagramBuilder, name: str, direction: DirectionConfig, axes: TaskAxes, model: PlantModel
 ) -> System:
-    """The law of a direction."""
+    """Add the law of a direction."""
     with about(direction):
         own = direction_model(model, axes, name, direction.compliance)
     inner, tag = DiagramBuilder(), type(direction.law).__name__

@@ -1,13 +1,13 @@
-"""Joint commands of hybrid control: in selected directions of the task frame the laws' displacements, else the motion::
+"""Joint commands of hybrid control: displacements of force laws in selected directions, a reference in the others::
 
     V = R_K (S d + (I - S) R_K' J(q_uc) dq_uc),    q_bar = q_bar + J(q_bar)^+ V                    per tick
 
 S selects directions, d are the changes of the displacements dx_bar that the force laws command, dq_uc those of the
-reference in the unconstrained directions, q_uc = q_0 plus that reference. All of J is taken at commanded postures, so
-that directions without a reference stay as they were at the start, whatever the drives do.
+reference in the unconstrained directions, q_uc = q_0 plus that reference. J is always that of commanded postures, so
+that directions without a reference stay as at the start, whatever the tracking errors of the drives.
 
-Where the arm can hardly move, singular values s of J (translations per `length`) below a limit e are inverted as s/e^2:
-continuous, and never larger than 1/e.
+Near singularities, singular values s of J (translations divided by `length`) below a limit e are inverted as s/e^2,
+which is continuous and never larger than 1/e.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ def joint_motion(jacobian: Array, motion: Array, *, smallest: float, length: flo
     Args:
         jacobian: J_WT, shape (6, n), rotations above translations [1; m].
         motion: of the TCP in the world, [rotation; translation], shape (6,) [rad, m].
-        smallest: e, singular value below which is damped [1].
-        length: that translations are divided by [m].
+        smallest: e, singular value below which the inverse is damped [1].
+        length: by which translations are divided [m].
 
     Returns:
-        joint motion, shape (n,) [rad], and whether it was damped.
+        joint motion, shape (n,) [rad], and whether the inverse was damped.
     """
     scale = np.repeat([1.0, 1.0 / length], 3)
     U, s, Vt = np.linalg.svd(scale[:, None] * jacobian, full_matrices=False)
@@ -44,7 +44,7 @@ def joint_motion(jacobian: Array, motion: Array, *, smallest: float, length: flo
 
 
 class HybridMotion(SampledBlock):
-    """Joint command of force laws in selected directions of a task frame, and of a motion in the others.
+    """Joint command for displacements in selected directions of a task frame, and for a reference motion in the others.
 
     ```
     name: HybridMotion
@@ -54,17 +54,17 @@ class HybridMotion(SampledBlock):
 
     displacement_command: shape (m,), dx_bar in the selected directions, from the start [m, rad].
     motor_position: shape (n,) [rad].
-    unconstrained_reference: shape (n,), joint motion dq_uc, from the start [rad]. What it has in selected directions is
-    left out.
+    unconstrained_reference: shape (n,), joint motion dq_uc, from the start [rad]. Its components in selected directions
+    are ignored.
     task_normal: shape (3,), see `SurfaceNormal` [1]; the port exists where the axes follow a surface.
     joint_position_command: shape (n,), q_bar [rad]. Feedthrough of displacement_command, unconstrained_reference and
     task_normal at the tick, and held.
     near_singular: shape (1,), 1 while the inverse is damped, else 0 [1]. Feedthrough of displacement_command,
     unconstrained_reference and task_normal at the tick, and held.
-    motor_displacement: shape (m,), what the motors have come along the selected directions [m, rad]: the command of the
-    last tick, and how far the motors are from it. Feedthrough of motor_position and task_normal.
+    motor_displacement: shape (m,), actual displacement of the motors along the selected directions [m, rad]: the
+    command of the last tick minus the tracking error of the motors. Feedthrough of motor_position and task_normal.
 
-    A command or reference that is not a number holds the joints, and the next one that is makes up for it.
+    A command or reference that is not a number holds the joint command; the next valid one makes up for it.
 
     Sampling: every `period` [s]; no delay from displacement_command to joint_position_command, see `SampledBlock`.
 
@@ -72,7 +72,7 @@ class HybridMotion(SampledBlock):
         axes: of the task frame.
         selected: indices of the m directions, in the order of spatial vectors.
         start: q_0, shape (n,) [rad].
-        smallest: singular value of J below which it is damped [1].
+        smallest: e, singular value of J below which the inverse is damped [1].
     """
 
     port_units = {

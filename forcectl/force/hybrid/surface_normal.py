@@ -1,9 +1,9 @@
-"""Normal of a surface that turns along the path, from the force that the tool feels there::
+"""Estimate of the normal of a surface that curves along the path, from the measured contact force::
 
     n += (1 - exp(-w Ts)) (F/|F| - n),    n = n/|n|                       while n'F is above a least force
 
 Without friction the force of a surface is along its normal. Coulomb friction turns the estimate by atan(mu) at most,
-against the motion. The estimate is late by the lag of the force sensor and by 1/w.
+against the motion. The estimate lags by the lag of the force sensor plus 1/w.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from forcectl.framework.sampled_block import Memory, SampledBlock
 
 
 class SurfaceNormal(SampledBlock):
-    """Outward normal of the surface that a tool presses on, from the wrench of its wrist sensor.
+    """Estimates the outward normal of the surface that a tool presses on, from the wrench of its wrist sensor.
 
     ```
     name: SurfaceNormal
@@ -34,7 +34,7 @@ class SurfaceNormal(SampledBlock):
     task_normal: shape (3,), n in the world [1]; at the start the z axis of the task frame. Feedthrough of all inputs at
     the tick, and held.
 
-    Where the force along n is below the least one, or not a number, n stays. It turns no further than `largest_turn`
+    Where the force along n is below `least_force`, or not a number, n is held. It turns no further than `largest_turn`
     from the start.
 
     Sampling: every `period` [s]; no delay, see `SampledBlock`.
@@ -42,8 +42,8 @@ class SurfaceNormal(SampledBlock):
     Args:
         axes: of the task frame.
         bandwidth: w [rad/s].
-        least_force: [N].
-        largest_turn: [rad].
+        least_force: force along n below which the estimate is held [N].
+        largest_turn: largest angle between n and its start [rad].
     """
 
     port_units = {"task_normal": "1"}

@@ -4,7 +4,7 @@
 
 K has its origin at the TCP. Its axes are those of the TCP frame T turned by a constant rotation, R_WK = R_WT R_TK, and
 move with the tool; or they stay in the world as they are at the start. Axes that follow a surface are those that move
-with the tool, turned by the shortest way so that z is the normal of the surface. S is the frame of the sensor.
+with the tool, turned by the smallest rotation that makes z the normal of the surface. S is the frame of the sensor.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class TaskAxes:
         robot: kinematics, with the TCP.
         start: joint positions at the start, shape (n,) [rad].
         rotation: R_TK at the start, shape (3, 3).
-        fixed_in_world: whether they stay there; else they move with the tool.
-        follow: whether z is the normal of the surface.
+        fixed_in_world: whether the axes stay as at the start; else they move with the tool.
+        follow: whether z follows the normal of the surface.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class TaskAxes:
         """R_WK in the posture of a context of `robot.plant`, shape (3, 3).
 
         Args:
-            normal: unit vector of axes that follow a surface, shape (3,); None: they do not.
+            normal: unit normal of the surface that z follows, in the world, shape (3,); None: it follows none.
         """
         if self.fixed_in_world:
             return self._in_world
@@ -56,13 +56,13 @@ class TaskAxes:
 
 
 def shortest_turn(start: Array, end: Array) -> Array:
-    """The rotation that takes one unit vector to another about the axis across both, shape (3, 3)."""
+    """The rotation from one unit vector to another about the axis perpendicular to both, shape (3, 3)."""
     across = cross_matrix(cross(start, end))
     return np.eye(3) + across + across @ across / (1.0 + start @ end)
 
 
 class TaskWrench(PythonBlock):
-    """Wrench of the wrist sensor in the task frame.
+    """Transforms the wrench of the wrist sensor to the TCP and the task frame.
 
     ```
     name: TaskWrench
@@ -71,9 +71,9 @@ class TaskWrench(PythonBlock):
     ```
 
     measured_wrench: shape (6,), of the environment on the tool, at S in S, [torque; force] [Nm, N].
-    motor_position: shape (n,), where the axes are taken [rad].
+    motor_position: shape (n,), posture for which the axes are computed [rad].
     task_normal: shape (3,), see `SurfaceNormal` [1]; the port exists where the axes follow a surface.
-    task_wrench: shape (6,), the same at the TCP in the task frame K [Nm, N]. Feedthrough of all inputs.
+    task_wrench: shape (6,), the same wrench at the TCP in the task frame K [Nm, N]. Feedthrough of all inputs.
 
     Sampling: none; evaluated when read.
 
