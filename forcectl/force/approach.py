@@ -14,8 +14,8 @@ up the torque of static friction, and then catch up: after a step of the speed, 
 CONTACT the law gets zero for both forces, so that its command stays constant and does not jump at the hand-over. There
 are two touches, the second one slow: a fast one overshoots by the lag of sensor and drives times its speed.
 
-A controller of joints has x_a as an input and adds J^-1 n x_a to its command itself, in small steps: it keeps its walls
-and joint limits, and a move ends in front of them. The force law in it commands dx_bar - x_a.
+A controller of joints has x_a as an input and adds J^-1 n x_a to its command itself, in small steps, so that its walls
+and joint limits hold: a move ends in front of them. The force law in it commands dx_bar - x_a.
 """
 
 from __future__ import annotations
@@ -341,7 +341,7 @@ class ApproachConfig(AroundLawConfig, Config):
         return "speed", self.speed
 
     def time_for(self, distance: float) -> float:
-        """Time that the first motion takes for a distance [m, s]."""
+        """Time [s] that the first motion takes for a distance [m]."""
         rising = 0.5 * self.speed * self.rise_time  # [m] until the full speed
         if distance < rising:
             return float(np.sqrt(distance / rising) * self.rise_time)

@@ -102,7 +102,7 @@ class KinematicInversion(PythonBlock):
     ```
 
     displacement_command: shape (1,), dx_bar along n [m].
-    motor_position: shape (n_q,), where the Jacobian is taken [rad].
+    motor_position: shape (n_q,), posture of the Jacobian [rad].
     unconstrained_reference: shape (n_q,), joint motion dq_uc in the unconstrained directions, from q_0 [rad].
     joint_position_command: shape (n_q,), q_bar [rad]. Feedthrough of displacement_command and unconstrained_reference.
     near_singular: shape (1,), 1 while the inverse is damped, else 0 [1]. State.

@@ -150,7 +150,7 @@ class LinearForceLaw(ForceLaw):
         others = proportional + derivative + moving - feedback - forward * expected
         after = integral + ki * period * error
         free = after + others
-        # Beyond a limit the integral stops where the command reaches the limit, and is never reduced to get there.
+        # At a limit of the command the integral stops where the command reaches it, and is never moved back to there.
         after = m.where((free > upper) & (after > integral), m.maximum(integral, upper - others), after)
         integral = m.where((free < lower) & (after < integral), m.minimum(integral, lower - others), after)
         command = m.minimum(m.maximum(integral + others, lower), upper)

@@ -6,7 +6,7 @@ ForceLaw (for k force loops at once)::
          motor_displacement, path_displacement: shape (k,) [m], optional
          sliding: shape (k,), 1 while the tool moves along its path [1], optional
     out  displacement_command: shape (k,) [m]; any further outputs are diagnostics
-         displacement_velocity_command: shape (k,) [m/s], its speed, optional
+         displacement_velocity_command: shape (k,) [m/s], its velocity, optional
 
 Controller of joints::
 
@@ -15,8 +15,8 @@ Controller of joints::
          joint_velocity_command: shape (n,) [rad/s], joint_torque_feedforward: shape (n,) [Nm], optional
          any further outputs are diagnostics
 
-A configuration of such a controller that also has `add_approached(builder, model)` can stand behind `!Approach`: that
-adds the controller with further ports::
+A configuration of such a controller that also has `add_approached(builder, model)` can be the law of `!Approach`. That
+method adds the controller with further ports::
 
     in   desired_force, measured_force: shape (1,) [N], zero outside of contact
          approach_displacement: shape (1,), x_a of the guarded move along the normal, to be added to the command [m]

@@ -2,11 +2,12 @@
 
     d[k]      = d[k-1] + (-C_T_hat F[k] - x_m[k] - d[k-1]) g Ts/(1 + g Ts)                              observer
     x_m[k]    = x_m[k-1] + (dx_bar[k-1] - x_m[k-1]) Ts/(T_m + Ts)                               nominal model of the lag
-    dx_bar[k] = -C_T_hat F_r[k] - d[k],    F_r[k] = F_r[k-1] + (F_bar[k] - F_r[k-1]) w Ts/(1 + w Ts)      two degrees
+    dx_bar[k] = -C_T_hat F_r[k] - d[k],    F_r[k] = F_r[k-1] + (F_bar[k] - F_r[k-1]) w Ts/(1 + w Ts)        prefilter
 
 d is the difference, as a displacement, between the measured force and the one that the model predicts for the command:
 an offset of the surface, friction of the drives, a wrong compliance. It is subtracted from the command. The limited
-command enters the model, so that a limit does not wind up the observer.
+command enters the model, so that a limit does not wind up the observer. Bandwidths g and w are two degrees of
+freedom.
 
 Sources: K. Ohnishi, M. Shibata and T. Murakami, Motion control for advanced mechatronics, IEEE/ASME Transactions on
 Mechatronics 1(1), 1996; review with the force loop: E. Sariyildiz, R. Oboe and K. Ohnishi, Disturbance observer-based

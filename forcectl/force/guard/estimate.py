@@ -6,7 +6,7 @@ import math
 
 _AHEAD = 32.0  # largest bandwidth of the estimate, in bandwidths of the sensor
 _FASTEST = 0.8  # largest bandwidth of the estimate, times a tick
-_MADE_UP = 0.8  # compensated share of the sensor's lag: with 1, a rise that the law ends itself is overestimated
+_COMPENSATED = 0.8  # compensated share of the sensor's lag: with 1, a rise that the law ends itself is overestimated
 _NEVER = 1e-9  # probability of equal readings in a row below which a live sensor does not show them
 _QUIET = 0.04  # standard deviation of a predicted force, as a share of the largest force
 
@@ -26,7 +26,7 @@ def estimate_of(
     if ahead < 1.0:
         return 0.0, 0.0, 1.0
     ticks = ahead * bandwidth * period
-    lead = _MADE_UP * ahead
+    lead = _COMPENSATED * ahead
     return 2 * damping_ratio * lead, lead**2, ticks / (1.0 + ticks)  # of a filter with the lag 1/a on a ramp
 
 

@@ -15,7 +15,7 @@ BLOCK = 8
 _TINY = 1e-9  # [m] tolerance of a distance
 _RECOVERY = 0.1  # ticks of hold that one sound tick cancels
 _CREEP = 0.1  # of the retreat's speed: speed at which the surface is searched for after a retreat
-_NOT_ALL = 0.5  # of the retreat's distance, that may be fast: over the rest the effect on the force is observed
+_FAST_SHARE = 0.5  # of the retreat's distance, that may be fast: over the rest the effect on the force is observed
 _FASTER = 50.0  # of the retreat's speed: largest speed of its fast part
 _GAIN = 0.25  # [s] time after which the catching-up speed has doubled; it rises linearly
 _AT_ONCE = (Cause.FORCE, Cause.CONTACT, Cause.RESPONSE, Cause.ENERGY)  # cause a retreat without a hold before it
@@ -82,7 +82,7 @@ def decide(
         retreats += float(fault == Cause.FORCE)
         if held >= limits.patience and reaction == Reaction.HOLD:
             reaction, since = Reaction.RETREAT if steps.away else Reaction.STOP, 0.0
-        gone, quick = 0.0, min(fast, _NOT_ALL * limits.retreat)
+        gone, quick = 0.0, min(fast, _FAST_SHARE * limits.retreat)
     else:
         since += 1.0
     if reaction == Reaction.SLOW:
