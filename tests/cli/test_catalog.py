@@ -101,7 +101,7 @@ def test_list_of_a_tag_shows_its_keys_with_unit_bounds_default_and_meaning(force
     assert max(map(len, out.splitlines())) <= 80
     words = " ".join(out.split())
     assert "fills the slot controller" in words
-    assert "integral_gain 1.5 a number [1/s], from gain K_I 0.000001 to 10000" in words
+    assert "integral_gain 1.5 a number [1/s], from integral gain K_I of the 0.000001 to 10000 force error" in words
     assert "forgetting 0.995 a number, from 0.1 to 1" in words
 
 

@@ -98,7 +98,7 @@ def test_every_key_of_everything_that_fills_a_slot_is_in_it():
 
 def test_units_bounds_defaults_and_choices_are_those_of_the_keys():
     gain = SCHEMA["$defs"]["controller !Integral"]["properties"]["integral_gain"]
-    text = "gain K_I [1/s], from 0.000001 to 10000"
+    text = "integral gain K_I of the force error [1/s], from 0.000001 to 10000"
     assert gain == {"description": text, "default": 1.5, "type": "number", "minimum": 1e-6, "maximum": 10000}
     kind = SCHEMA["$defs"]["fault !ReadingFault"]["properties"]["kind"]
     assert (kind["enum"], kind["default"]) == (["nan", "frozen", "lost"], "nan")
