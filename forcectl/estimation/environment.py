@@ -3,9 +3,8 @@
     z = phi C_E,    z = -dx - C_R_hat F,    phi = F                                                    (2.10)*
     k = P phi/(mu + phi P phi),    C_E += k (z - phi C_E),    P = (P - k phi P)/mu
 
-The product form never divides by the force, which (2.10) as printed does. The displacement must be the actual
-motor-side one, seen through the same filter as the force: otherwise the force lags it and every transient biases the
-estimate.
+The product form never divides by the force; (2.10) as printed does. The displacement must be the actual motor-side one,
+passed through the same filter as the force: otherwise the force lags it and every transient biases the estimate.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from forcectl.arrays import Array
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check_order
 from forcectl.framework.sampled_block import Memory, SampledBatch
 
-# C_E_hat stays within [m/N]: contacts of 10 N/m to 1e8 N/m.
+# Bounds of C_E_hat [m/N]: contacts of 10 N/m to 1e8 N/m.
 COMPLIANCE_BOUNDS = (1e-8, 1e-1)
 
 
@@ -56,11 +55,12 @@ class EnvironmentComplianceEstimator(SampledBatch):
     measured_force: shape (n,) [N].
     displacement: shape (n,), actual motor-side dx [m], passed through the same filter as the force.
     environment_compliance: shape (n,), C_E_hat within its bounds [m/N]. State, no direct feedthrough.
-    compliance: shape (n,), from the command: C_R_hat + C_E_hat and the drives' [m/N]. State, no direct feedthrough.
+    compliance: shape (n,), from the command to the contact: C_R_hat + C_E_hat + that of the drives [m/N]. State, no
+    direct feedthrough.
 
     Parameters (Context, shape (n,)): forgetting mu in (0, 1], robot_compliance C_R_hat [m/N] >= 0 between motors and
     tool, drive_compliance [m/N] >= 0 between command and motors (of joint impedance control), minimum_force [N] >= 0
-    below which nothing is learnt, lower_bound and upper_bound [m/N] of what is put out.
+    below which the estimate is held, lower_bound and upper_bound [m/N] of C_E_hat at the outputs.
 
     A force or displacement that is not finite is skipped.
 
@@ -68,8 +68,8 @@ class EnvironmentComplianceEstimator(SampledBatch):
 
     Args:
         initial_compliance: C_E_hat at the start [m/N], > 0.
-        initial_covariance: P_0 [1/N^2], > 0: not given by the thesis and decisive; 1e-6 reproduces its settling
-            (targets, section 4).
+        initial_covariance: P_0 [1/N^2], > 0: the thesis does not give it, and the settling depends on it; 1e-6
+            reproduces that of the thesis (targets, section 4).
     """
 
     def __init__(

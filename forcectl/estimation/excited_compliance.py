@@ -1,12 +1,13 @@
-"""Compliance of the environment from how the force answers its reference: EWRLS with an instrument, for any surface::
+"""Compliance of the environment from changes of the desired force: EWRLS with an instrumental variable::
 
     x = -dx - C_R_hat F = C_E F - h                       (2.10) with the unknown height h of the surface
-    F_M = M(z) F_bar                                      what the force is meant to be, the instrument
+    F_M = M(z) F_bar                                      modelled response to the desired force, the instrument
     k = P z/(R + z P z),    C_E += k (x - F C_E),    P -= k z P,    P += (Ts/T) (C_E^2 - P)
 
-Surface and friction move force and displacement together, in the ratio of the controller and not of the contact: they
-would bias least squares with F as regressor. x, F and z = F_M pass the same high-pass w_h s/(s + w_h), so that slopes
-and the bending of the robot drop out. In the time T without information P returns to its initial value.
+The height of the surface and friction change force and displacement together, in a ratio set by the controller and not
+by the contact. They would bias least squares with F as regressor. x, F and z = F_M pass the same high-pass
+w_h s/(s + w_h), which removes slopes and the bending of the robot. Without information P returns to C_E^2 with the time
+constant T.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from forcectl.errors import invalid
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.sampled_block import Memory, SampledBatch
 
-# C_E, P, what is put out, whether it learns, time until it may, F_M; x, F and z, then the last x, F and F_M.
+# C_E, P, the output, whether samples count, time until they may, F_M; high-passed x, F and z; last x, F and F_M.
 _MEMORY = (
     *("estimate", "covariance", "environment_compliance", "learning", "wait", "model"),
     *("x", "f", "z", "last_x", "last_f", "last_model"),
@@ -29,7 +30,7 @@ _MEMORY = (
 
 
 class ExcitedCompliance(SampledBatch):
-    """Estimate of the compliance of the environment of n contacts, from moves of the desired force.
+    """Estimate of the compliance of the environment of n contacts, from changes of the desired force.
 
     ```
     name: ExcitedCompliance
@@ -41,15 +42,15 @@ class ExcitedCompliance(SampledBatch):
 
     desired_force, measured_force: shape (n,) [N].
     displacement: shape (n,), actual motor-side dx [m], passed through the same filter as the force.
-    environment_compliance: shape (n,), C_E_hat within range and rate [m/N]. State, no direct feedthrough.
+    environment_compliance: shape (n,), C_E_hat limited by range and rate [m/N]. State, no direct feedthrough.
     learning: shape (n,), 1 while samples count, else 0 [1]. State.
 
     Parameters (Context, shape (n,)): bandwidth w_c of M [rad/s] > 0 and drift_bandwidth w_h [rad/s] > 0, both below
-    1/period; robot_compliance C_R_hat [m/N] >= 0; surface_deviation [m] > 0, what the surface adds to dx within 1/w_h,
-    as a standard deviation: R; memory T [s] > 0. Guards: nothing is learnt while z is below minimum_excitation [N] >= 0
-    or the force below minimum_force [N] >= 0, and for 1/w_h after that; errors beyond largest_change [1] > 0 times
-    z C_E count as that much; C_E_hat stays within the factor range [1] >= 1 of the initial one and changes by at most
-    rate [1/s] > 0 times itself.
+    1/period; robot_compliance C_R_hat [m/N] >= 0; surface_deviation [m] > 0, standard deviation of what the surface
+    adds to dx within 1/w_h, which gives R; memory T [s] > 0. Guards: samples count only while |z| is at least
+    minimum_excitation [N] >= 0, and from 1/w_h after the force has risen above minimum_force [N] >= 0. The error is
+    limited to largest_change [1] > 0 times z C_E. C_E_hat stays within the factor range [1] >= 1 of the initial one,
+    and its relative change is at most rate [1/s] > 0.
 
     An input that is not finite is skipped.
 
@@ -104,7 +105,7 @@ class ExcitedCompliance(SampledBatch):
         self.show_held("learning")
 
     def check_together(self, values: Mapping[str, Array]) -> None:
-        """Both filters are stable and do not alternate; the range is one."""
+        """Both filters are stable and do not oscillate; the range is a factor of at least 1."""
         for name in ("bandwidth", "drift_bandwidth"):
             if not (values[name] * self._period < 1).all():
                 raise invalid(name, values[name].tolist(), f"below 1/period = {1 / self._period:g} rad/s")
@@ -115,7 +116,7 @@ class ExcitedCompliance(SampledBatch):
         """Per tick: 1 - A, decay of the high-pass, C_R, R, forgetting, guards, bounds, change and time to wait."""
         w, w_h, robot, deviation, memory, excitation, force, change, span, rate = values
         first, period = self.batch_value(self._first), self._period
-        noise = deviation**2 / (w_h * period)  # what the surface adds stays for 1/w_h
+        noise = deviation**2 / (w_h * period)  # the disturbance is correlated over 1/w_h
         return (
             *(w * period, 1 - w_h * period, robot, noise, self.math.minimum(period / memory, 1.0)),
             *(excitation, force, change, first / span, first * span, rate * period, 1 / w_h),
@@ -129,7 +130,7 @@ class ExcitedCompliance(SampledBatch):
         c, p, shown, model = memory["estimate"], memory["covariance"], memory["environment_compliance"], memory["model"]
         force = inputs["measured_force"]
         now = -inputs["displacement"] - robot * force
-        # What was before the first sample is rest at zero force and displacement.
+        # Before the first sample: rest at zero force and displacement.
         x = decay * memory["x"] + (now - memory["last_x"])
         f = decay * memory["f"] + (force - memory["last_f"])
         z = decay * memory["z"] + (model - memory["last_model"])

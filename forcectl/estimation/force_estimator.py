@@ -1,4 +1,4 @@
-"""The estimator slot filled by the momentum observer (5.6)* and a wrench estimate per arm: (5.8) or a Kalman filter."""
+"""Estimator of a scenario: the momentum observer (5.6)* and a wrench estimate per arm, (5.8) or a Kalman filter."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 READINGS = ("joint_position", "joint_velocity", "motor_torque")
 _COMPONENTS = {"wrench_deviation": "6a", "joint_bias": "n", "moving": "n", "wrench_between": "6"}
 _TICK = 0.004  # [s] of a joint interface
-_LEVER = 0.36  # [m] of a force on all joints of an arm; of YuMi's 0.23 to 0.44
-_JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
-_STOP = 2.0  # nor one that comes to rest so many times faster, at once and to the last bit
-_FROZEN = 0.1  # [rad/s] from which it may where there is no limit of the acceleration
+_LEVER = 0.36  # [m] lever arm of a force, over all joints of an arm; YuMi's are 0.23 to 0.44
+_JUMP = 4.0  # speed change / acceleration limit above which a reading counts as wrong
+_STOP = 2.0  # deceleration / acceleration limit above which a repeated position is a frozen encoder and no stop
+_FROZEN = 0.1  # [rad/s] speed above which it is one, where there is no acceleration limit
 
 
 class ForceEstimator(PythonDiagram):
@@ -52,10 +52,10 @@ class ForceEstimator(PythonDiagram):
     ```
 
     joint_position, joint_velocity, motor_torque: shape (n,), readings of the tick [rad, rad/s, Nm].
-    estimated_torque: shape (n,), external joint torques beyond the threshold of the friction [Nm].
+    estimated_torque: shape (n,), external joint torques beyond the friction threshold, else zero [Nm].
     estimated_wrench: shape (6a,), of the environment on the robot at each TCP in the world, [torque; force] [Nm, N].
-    estimated_local_wrench: shape (6a,), the same in the axes of other frames [Nm, N]; the port exists instead when
-    `local`.
+    estimated_local_wrench: shape (6a,), the same in the axes of other frames [Nm, N]; with `local` the port exists
+    instead of estimated_wrench.
     tare: shape (1,) [1], may be left unconnected; the port exists where no `tare` is given. See the wrench estimates.
     residual: shape (n,), r [Nm]. torque_balance: shape (n,), of the tick, see `MomentumObserver` [Nm].
     reading_ok: shape (n,) [1].
@@ -65,14 +65,14 @@ class ForceEstimator(PythonDiagram):
     wrench_between: shape (6,), of one arm on another at the TCP of that [Nm, N]; of a `WrenchBetweenFilter`.
     All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: every `period` [s]; no delay. Speeds that are filtered make the estimate as late as they are.
+    Sampling: every `period` [s]; no delay. With filtered speeds the estimate has their lag.
 
     Args:
         observer: of the n joints.
         wrenches: by arm, at least one, all of the same n joints, of one class and with the period of the observer.
-        tare: their input of that name over time; None: it becomes an input.
-        between: of two of the arms, of the same n joints and with the period of the observer; None: there is none.
-        local: whether they are expressed in other frames than the world.
+        tare: source of the input `tare` of the wrench estimates; None: `tare` is an input of the diagram.
+        between: filter of two of the arms, of the same n joints and with the period of the observer; None: none.
+        local: whether the wrenches are expressed in other frames than the world.
     """
 
     def __init__(
@@ -142,28 +142,53 @@ class ForceEstimator(PythonDiagram):
 class ForceEstimatorConfig(Config):
     """Scenario part `!ForceEstimator`: momentum observer and wrench estimates.
 
-    It uses the exact dynamics, and `friction_scale` times the friction that the joints have. The threshold (5.3)* is
-    given in shares of Coulomb's friction of each joint.
+    The observer uses the dynamics of the plant without error, and `friction_scale` times its friction. The threshold
+    (5.3)* is given relative to the Coulomb friction of each joint.
     """
 
     reads_of_model: ClassVar[tuple[str, ...]] = ("friction", "masses")
 
     gain: float = key(25.0, "gain K_R of the momentum observer", unit="1/s", bounds="positive")
-    friction_scale: float = key(1.0, "believed friction / true friction", bounds="from 0 to 20")
-    threshold_move: float = key(0.0, "tau_move / tau_C of moving joints", bounds="from 0 to 100")
-    threshold_still: float = key(0.0, "tau_still / tau_C of joints at rest", bounds="from 0 to 100")
-    limit_share: float = key(1.0, "share of the torque limits at which the residual stops", bounds="from 0.01 to 100")
-    moment: bool = key(True, "false: only forces act at the TCPs")
+    friction_scale: float = key(
+        1.0, "joint friction assumed by the estimator / true joint friction", bounds="from 0 to 20"
+    )
+    threshold_move: float = key(
+        0.0,
+        "external torque up to which a joint's estimate is zero, tau_move / Coulomb friction tau_C; 0: none",
+        bounds="from 0 to 100",
+    )
+    threshold_still: float = key(
+        0.0,
+        "increase of threshold_move for a joint at rest, tau_still / Coulomb friction tau_C; 0: none",
+        bounds="from 0 to 100",
+    )
+    limit_share: float = key(
+        1.0, "limit of the observer's residual / torque limit of the joint", bounds="from 0.01 to 100"
+    )
+    moment: bool = key(True, "whether torques at the TCPs are estimated; false: only forces, the torques are zero")
     expressed_in: str = key(
         "world",
         "axes of the wrenches, which act at the TCPs: world; else they are estimated_local_wrench, in tcp (each in its "
         "own) or in any frame or body of the robot's model",
     )
     smallest_singular_value: float = key(
-        0.02, "below which a direction is damped", unit="1", bounds="above 0 and at most 1"
+        0.02,
+        "singular value of the TCP Jacobian below which the wrench estimate is damped in that direction",
+        unit="1",
+        bounds="above 0 and at most 1",
     )
-    tare_start: float = key(0.0, "start of the ticks whose mean becomes zero", unit="s", bounds="not negative")
-    tare_duration: float = key(0.0, "of these ticks; 0: no taring", unit="s", bounds="not negative")
+    tare_start: float = key(
+        0.0,
+        "start of taring: the mean of the estimates during it is subtracted from the later ones",
+        unit="s",
+        bounds="not negative",
+    )
+    tare_duration: float = key(
+        0.0,
+        "duration of the taring from tare_start on; 0: taring by the input tare only",
+        unit="s",
+        bounds="not negative",
+    )
 
     def force_lag(self) -> tuple[float, float, float]:
         """Lag of the estimated forces as that of a sensor: bandwidth [rad/s], damping ratio [1] and delay [s].
@@ -173,11 +198,14 @@ class ForceEstimatorConfig(Config):
         return 2 * self._bandwidth(_TICK), 1.0, 0.0
 
     def _bandwidth(self, period: float) -> float:
-        """Of the estimated forces at ticks of this period [s], w [rad/s]: K_R of the observer."""
+        """Bandwidth w of the estimated forces at ticks of this period [s]: K_R of the observer [rad/s]."""
         return self.gain
 
     def force_response(self, model: PlantModel) -> StateSpace:
-        """From a force to its estimate, per tick: mean over the tick, filter of the speeds, estimate; no thresholds."""
+        """Discrete-time model from a force to its estimate, without thresholds.
+
+        Three stages in series: mean over the tick, filter of the speeds, estimate.
+        """
         period = model.period
         kept = math.exp(-model.velocity_bandwidth * period)
         decay = math.exp(-self._bandwidth(period) * period)
@@ -223,7 +251,7 @@ class ForceEstimatorConfig(Config):
 
     def _observer(self, model: PlantModel, momentum: MomentumModel) -> MomentumObserver:
         robot, coulomb = model.known_robot(), model.friction.coulomb
-        # A joint that sticks stands still from one tick to the next, but only from a speed that it can stop from.
+        # Within a tick a joint can only stop from a low speed; a position that repeats at a higher one is frozen.
         fastest_stop = _STOP * robot.limits.acceleration * model.period
         return MomentumObserver(
             momentum,
@@ -251,31 +279,64 @@ class ForceEstimatorConfig(Config):
 
 @dataclass(kw_only=True)
 class KalmanForceEstimatorConfig(ForceEstimatorConfig):
-    """Scenario part `!KalmanForceEstimator`: momentum observer and, for each arm, a filter that believes moving joints.
+    """Scenario part `!KalmanForceEstimator`: momentum observer and, per arm, a Kalman filter of the moving joints.
 
-    Force and torque are felt by joints that move: with `null_space: !SelfMotion {}` nearly all of them do. Friction and
-    model are believed as those of `!ForceEstimator` are; the threshold is of `estimated_torque` alone.
+    Wrenches are estimated from joints that move; with `null_space: !SelfMotion {}` nearly all of them do. Model and
+    friction are those of `!ForceEstimator`; the thresholds apply to `estimated_torque` alone.
     """
 
-    noise: float = key(0.25, "deviation of the torque balance of a tick", unit="Nm", bounds="above 0 and at most 100")
-    force_walk: float = key(1.25, "deviation that a force gains in a second", unit="N", bounds="positive")
-    moment_walk: float = key(0.04, "deviation that a torque gains in a second", unit="Nm", bounds="positive")
+    noise: float = key(
+        0.25,
+        "standard deviation of the torque balance of a joint over one tick",
+        unit="Nm",
+        bounds="above 0 and at most 100",
+    )
+    force_walk: float = key(
+        1.25, "random walk of a force: standard deviation of its change in 1 s", unit="N", bounds="positive"
+    )
+    moment_walk: float = key(
+        0.04,
+        "random walk of a torque at the TCP: standard deviation of its change in 1 s",
+        unit="Nm",
+        bounds="positive",
+    )
     bias: float = key(
-        0.05, "deviation of a joint's Coulomb friction from what is believed / tau_C", bounds="above 0 and at most 10"
+        0.05,
+        "initial standard deviation of the error of the assumed Coulomb friction tau_C of a joint / tau_C",
+        bounds="above 0 and at most 10",
     )
     bias_walk: float = key(
-        0.008, "deviation that a joint's offset gains in a second / tau_C", bounds="above 0 and at most 10"
+        0.008,
+        "random walk of the torque offset of a joint: standard deviation of its change in 1 s / Coulomb friction tau_C",
+        bounds="above 0 and at most 10",
     )
-    slow: float = key(0.004, "speed below which a joint may stick", unit="rad/s", bounds="above 0 and at most 10")
-    hold: float = key(0.04, "time after that for which it still may", unit="s", bounds="from 0 to 10")
-    trust: float = key(0.012, "time constant with which it is believed then", unit="s", bounds="above 0 and at most 10")
+    slow: float = key(
+        0.004,
+        "speed below which a joint may be in static friction and its torque is ignored",
+        unit="rad/s",
+        bounds="above 0 and at most 10",
+    )
+    hold: float = key(
+        0.04,
+        "time after a reversal, or a standstill over 60 ms, for which the torque of a moving joint is still ignored",
+        unit="s",
+        bounds="from 0 to 10",
+    )
+    trust: float = key(
+        0.012,
+        "time constant with which the torque of a joint is used again after the hold time",
+        unit="s",
+        bounds="above 0 and at most 10",
+    )
     tare_window: list[float] = key(
         [],
-        "how long ago ended and began what the input tare takes the mean of, as long as it is above 0.5; empty: since "
-        "it rose, and the wrench is zero meanwhile",
+        "past window whose mean wrench is subtracted while the input tare is above 0.5: how long ago it ended and "
+        "began; empty: the mean since tare rose is subtracted afterwards, and the wrench is zero meanwhile",
         unit="s",
     )
-    tare_change: float = key(0.5, "of a force, with which that pauses", unit="N", bounds="positive")
+    tare_change: float = key(
+        0.5, "change of a force from the mean of tare_window above which taring pauses", unit="N", bounds="positive"
+    )
     between: list[str] = key(
         [],
         "names of two arms that touch each other: the signal wrench_between is the wrench of the first on the second, "
@@ -288,7 +349,7 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
             raise invalid("between", self.between, "two different arms, or empty")
 
     def _bandwidth(self, period: float) -> float:
-        """That of the filter in its steady state, of a force that the moving joints together feel at 0.36 m."""
+        """Steady-state bandwidth of the filter for a force with a lever arm of 0.36 m over the moving joints."""
         return _LEVER * self.force_walk / (self.noise * math.sqrt(period))
 
     def _wrench(self, model: PlantModel, momentum: MomentumModel, arm: ArmParts, axes: Frame | None) -> Any:

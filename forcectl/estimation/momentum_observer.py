@@ -5,15 +5,15 @@
 
 tau_g is gravity as a force on the right-hand side. (5.6) is printed without p(0): its residual would start at K_R p(0).
 
-Sampled, the balance over a tick gives the mean external torque d in it, and (5.7) has an exact step for a mean::
+Sampled, the balance over a tick gives the mean external torque d in it; for a constant d the step of (5.7) is exact::
 
     d_k = (p_k - p_{k-1} - int tau dt)/T - mean(C'q' + tau_g - tau_F),   r_k = r_{k-1} + (1 - e^{-K_R T})(d_k - r_{k-1})
 
-This is (5.6)* itself, differenced: p(0) is the first sample, and a lost sample makes T longer. The motor torque is the
-mean over each tick, as the robot measures it at the rate of its drives.
+This is the difference of (5.6)* from tick to tick: p(0) is the first sample, and a lost sample makes T longer. The
+motor torque is the mean over each tick; the robot measures it at the rate of its drives.
 
-Speeds that are differentiated and low-pass filtered are late, T/2 + 1/w_v. Position and torque, which are not, then go
-through the same filter: the balance is that of one instant again, a little earlier.
+Differentiated and low-pass filtered speeds lag by T/2 + 1/w_v. Position and torque are then passed through the same
+filter, so that all terms of the balance belong to the same, earlier instant.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from forcectl.robot.momentum_model import MomentumModel
 
 _MEMORY = (
     *("external_torque", "residual", "torque_balance", "reading_ok", "frozen"),
-    # Of the last good sample; its time is negative before the first one, and the same for all joints.
+    # Of the last good sample; its time is the same for all joints, and negative before the first one.
     *("sample_time", "position", "velocity", "torque", "momentum", "force"),
-    # Behind the filter of the speeds, and the mean torque before it.
+    # Position and torque after the filter of the speeds; its input torque; the unfiltered speed.
     *("late_position", "late_torque", "mean_torque", "raw_speed"),
-    # Torque since that sample, and the time that it is known of.
+    # Integral of the torque since that sample, and the time for which the torque was available.
     *("impulse", "covered"),
 )
 
 
 def residual_step(residual: Array, mean_torque: Array, gain: Array | float, elapsed: float) -> Array:
-    """(5.7) over a time in which the external torque has this mean; arguments [Nm, Nm, 1/s, s]."""
+    """Residual after the time `elapsed` by (5.7), with the mean external torque in it; arguments [Nm, Nm, 1/s, s]."""
     return residual - np.expm1(-gain * elapsed) * (mean_torque - residual)
 
 
@@ -56,7 +56,7 @@ def dead_band(residual: Array, threshold: Array) -> Array:
 
 
 class MomentumObserver(SampledBatch):
-    """External joint torques of n joints by the momentum observer (5.6)*, minus what may be friction (5.3)*.
+    """External joint torques of n joints by the momentum observer (5.6)*, with a dead band for friction (5.3)*.
 
     ```
     name: MomentumObserver
@@ -68,28 +68,29 @@ class MomentumObserver(SampledBatch):
     joint_position: shape (n,) [rad]. joint_velocity: shape (n,) [rad/s].
     motor_torque: shape (n,), mean of the torque that drives the joints, over the tick that ends [Nm].
     reset: shape (1,) [1], may be left unconnected; above 0.5 the residual is zero and the observer starts anew.
-    external_torque: shape (n,), the residual beyond the threshold of the friction [Nm].
+    external_torque: shape (n,), the part of the residual beyond the friction threshold, else zero [Nm].
     residual: shape (n,), r [Nm].
-    torque_balance: shape (n,), mean of tau_ext - tau_F over the tick that ends, or the gap, not filtered [Nm].
+    torque_balance: shape (n,), mean of tau_ext - tau_F over the tick that ends, or over a gap, not filtered [Nm].
     reading_ok: shape (n,), 1 for a joint whose readings of this tick were used, else 0 [1].
     All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): gain K_R [1/s] > 0; offset tau_O [Nm], coulomb tau_C [Nm] >= 0, viscous_forward
-    and viscous_backward D+, D- [Nms/rad] >= 0 of the friction (5.2); move and still [Nm] >= 0 of the threshold; limit
-    [Nm] > 0 of the residual.
+    and viscous_backward D+, D- [Nms/rad] >= 0 of the friction (5.2); move and still [Nm] >= 0 of the threshold (5.3)*;
+    limit [Nm] > 0 of the size of the residual.
 
-    Bad readings never enter the residual: it is held, and what happened meanwhile is caught up on with the next good
-    sample (the mean over the gap) or, after more than `longest_gap`, left out. Bad readings are
+    The residual is held while readings are bad. The next good sample then uses the mean over the gap or, if the gap was
+    longer than `longest_gap`, starts a new balance without it. Bad readings are
 
     - a number that is not finite: `reading_ok` is 0 for its joint;
-    - a frozen encoder: a position that repeats bit for bit while the joint moves faster than `frozen_speed` (where
-      speeds are differentiated: moved, in the tick before), and from then on until it changes, and 10/w_v longer where
-      the speeds are differentiated: they jump when it does; `reading_ok` is 0 for its joint;
-    - a speed that changes faster than `largest_acceleration`: `reading_ok` is 0 for its joint, and as long;
+    - a frozen encoder: a position that repeats bit for bit although the joint moves faster than `frozen_speed` (with
+      differentiated speeds: moved so in the tick before). It lasts until the position changes, and with differentiated
+      speeds 10/w_v longer, because they jump at that change; `reading_ok` is 0 for its joint;
+    - a speed that changes faster than `largest_acceleration`: `reading_ok` is 0 for its joint, with differentiated
+      speeds 10/w_v longer;
     - a lost sample: positions, speeds and torques all repeat bit for bit, though a joint moves; `reading_ok` is 0 for
       all joints. Beyond `longest_gap` such readings are accepted, once per gap.
 
-    Of a tick whose torque is lost it is taken to be between those before and after.
+    The missing torque of a lost tick is the mean of the torques before and after the gap.
 
     Sampling: every `period` [s]; no delay from motor_torque to residual, see `SampledBlock`. The first tick
     only starts it.
@@ -97,8 +98,8 @@ class MomentumObserver(SampledBatch):
     Args:
         model: momentum terms of the n joints.
         friction: of (5.2), zero when None.
-        velocity_bandwidth: w_v of the first-order filter behind speeds differentiated from the positions of the ticks
-            [rad/s]; None: the speeds are those of the tick.
+        velocity_bandwidth: w_v of the first-order filter of speeds that are differentiated from the sampled positions
+            [rad/s]; None: the speeds are measured at the tick.
     """
 
     on_arrays = True
@@ -144,7 +145,7 @@ class MomentumObserver(SampledBatch):
         self._jumps = bool(np.isfinite(self._jump).any())
         self._good, self._nothing, self._span = np.ones(n), np.zeros(n), np.array(self._period)
         self._frozen_speed = batch_values("frozen_speed", frozen_speed, n, "positive")
-        # Ticks are not exact; and without any gap there is still the tick itself.
+        # At least one tick, and half a tick more for rounding of the sample times.
         self._longest = max(check("longest_gap", longest_gap, "not negative"), period) + 0.5 * period
         self.sample_delay = {("motor_torque", "external_torque"): 0.0}
         self.port_units = {
@@ -161,7 +162,7 @@ class MomentumObserver(SampledBatch):
         self.show("external_torque", "residual", "torque_balance", "reading_ok")
 
     def check_together(self, values: Mapping[str, Array]) -> None:
-        """Infinite friction is none that can be subtracted."""
+        """Friction and thresholds are subtracted, so they must be finite."""
         for name in ("coulomb", "viscous_forward", "viscous_backward", "move", "still"):
             if not np.isfinite(values[name]).all():
                 raise BadInputError(f"{name} = {values[name].tolist()}: must be finite")
@@ -180,7 +181,7 @@ class MomentumObserver(SampledBatch):
         started, elapsed, moved = since >= 0, now - since, q - q_last
 
         lost = False
-        # Nearly always everything is well, which takes a fifth of the time to find out.
+        # Shortcut for good readings, nearly all ticks: a fifth of the time of the full check.
         well = started and all_finite(q, v, torque) and not (largest(moved == 0.0) or largest(frozen))
         if well and self._jumps:
             well = smallest(np.abs(v - v_last) <= self._jump * elapsed)
@@ -191,12 +192,12 @@ class MomentumObserver(SampledBatch):
             fine = finite
             if started:
                 same = (moved == 0.0) | ~np.isfinite(q)
-                # Speeds that are late say of a joint that has just come to stick that it moves: there positions tell.
+                # Filtered speeds lag: they are not zero yet when a joint has just stuck. The raw speed is used instead.
                 speed = np.maximum(np.abs(v), np.abs(v_last)) if self._lag is None else np.abs(memory["raw_speed"])
                 moving = speed > self._frozen_speed
                 jump = np.abs(v - v_last) > self._jump * elapsed
                 standing = same & (moving | (frozen > 0))
-                # The time for which readings are still held.
+                # Time for which the readings of a joint are still rejected.
                 frozen = np.where(standing | jump, self._settle + self._period, np.maximum(frozen - self._period, 0.0))
                 frozen = np.where(frozen > 0.5 * self._period, frozen, 0.0)
                 lost = (
@@ -222,7 +223,7 @@ class MomentumObserver(SampledBatch):
         gain, offset, coulomb, forward, backward, move, still, limit = self.values(context)
         going_on = started and bool(lost or elapsed <= self._longest)
         mean_torque = torque
-        # The torque of one tick is its mean.
+        # The motor torque of a tick is already its mean; over a gap the mean is formed here.
         if going_on and (lost or elapsed > 1.5 * self._period):
             mean_torque = (impulse + (elapsed - covered) * 0.5 * (torque + torque_last)) / elapsed
         if self._lag is None or not going_on:
@@ -240,7 +241,7 @@ class MomentumObserver(SampledBatch):
             mean = (momentum - memory["momentum"]) / elapsed - late_torque
             mean = mean - 0.5 * (force + memory["force"])
             stepped = residual_step(residual, mean + friction, gain, elapsed)
-            # An overflow of absurd readings holds residual and balance too.
+            # An overflow from very large readings also holds residual and balance.
             stepped = np.where(np.isfinite(stepped), stepped, residual)
             balance = np.where(np.isfinite(mean), mean, balance)
             residual = np.minimum(np.maximum(stepped, -limit), limit)

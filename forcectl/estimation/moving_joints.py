@@ -1,13 +1,13 @@
-"""A Kalman filter of what acts on joints, which are believed as far as they move.
+"""A Kalman filter for external torques that discounts joints which may be in static friction.
 
     d = A w + b + diag(sign q') c + e,    d = (tau_ext - tau_F) + tau_F(q')
 
-d is the torque balance of the momentum observer over a tick, with the friction (5.2) that the joints should have at
-their speeds; w is what acts, felt through known rows A; b and c are what is wrong with model and Coulomb friction of
-each joint. w, b and c are random walks, e is white.
+d is the torque balance of the momentum observer over a tick, plus the friction (5.2) that is assumed at the joint
+speeds. w is the external load, A its known map to joint torques. b and c are the errors of each joint's model and of
+its Coulomb friction. w, b and c are random walks, e is white noise.
 
-A joint that stands, or has just begun to move, may keep any friction up to Coulomb's. Its e is then larger, so
-that it tells nothing, where the least squares of (5.8) take its friction for a force.
+The friction of a joint at rest, or that has just begun to move, may have any value up to Coulomb's. The variance of its
+e is then raised so far that the joint is ignored. The least squares of (5.8) would take its friction for a force.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from forcectl.arrays import Array
 from forcectl.framework.batch import check
 from forcectl.framework.sampled_block import Memory
 
-_BRIEF = 0.008  # [s] until a joint is believed again that was slow and goes on in the same direction
-_STANDSTILL = 0.06  # [s] after which it has to prove itself as after a reversal
-_UNKNOWN = 8.0  # deviation of the friction of a joint that may stick, in units of Coulomb's
+_BRIEF = 0.008  # [s] until a joint is used again after a short stop, if it goes on in the same direction
+_STANDSTILL = 0.06  # [s] of standstill after which the waiting time is that of a reversal
+_UNKNOWN = 8.0  # standard deviation of the friction of a joint that may stick / Coulomb friction
 
 
 class Felt(NamedTuple):
-    """What a tick of `MovingJoints` found.
+    """Result of a tick of `MovingJoints`.
 
     Attributes:
         x: w, b and c, shape (w + 2k,).
         P: their covariance, shape (w + 2k, w + 2k).
         H: d per x, shape (k, w + 2k).
-        doubt: of each joint, 0 where it is believed and 1 where it tells nothing, shape (k,).
-        memory: what the next tick starts from.
+        doubt: of each joint, from 0 (its torque balance is used in full) to 1 (it is ignored), shape (k,).
+        memory: state for the next tick.
     """
 
     x: Array
@@ -45,19 +45,19 @@ class Felt(NamedTuple):
 
 
 class MovingJoints:
-    """The filter, to be called by a block that keeps its memory.
+    """The filter, called by a block that keeps its memory.
 
     Args:
-        coulomb: friction of the k joints, shape (k,) [Nm].
-        walks: what the deviation of each component of w gains in a second, shape (w,), > 0.
-        noise: deviation of the balance of a tick [Nm], > 0; of joints with less than 0.7 Nm of Coulomb's friction it is
-            taken to be smaller, (0.3 Nm + tau_C)/1 Nm of it.
-        bias: deviation of c at the start, in units of Coulomb's friction; that of b is 0.6 of it [1], > 0.
-        bias_walk: what that of b gains in a second, in these units; that of c gains a quarter [1], > 0.
+        coulomb: assumed Coulomb friction tau_C of the k joints, shape (k,) [Nm].
+        walks: random walk of each component of w, as the standard deviation of its change in 1 s, shape (w,), > 0.
+        noise: standard deviation of the balance of a tick [Nm], > 0; times (0.3 Nm + tau_C)/1 Nm in joints with tau_C
+            below 0.7 Nm.
+        bias: standard deviation of c at the start / tau_C; that of b is 0.6 of it [1], > 0.
+        bias_walk: random walk of b, as the standard deviation of its change in 1 s / tau_C; a quarter for c [1], > 0.
         slow: speed below which a joint may stick [rad/s], > 0.
-        hold: time for which a joint that has turned round, or stood for 60 ms, still may [s], >= 0.
-        trust: time constant with which it is believed then [s], > 0. One that was slow for less and goes on as before
-            is believed after 8 ms.
+        hold: time after a reversal, or after 60 ms of standstill, for which a moving joint is still ignored [s], >= 0.
+        trust: time constant with which its doubt then decays [s], > 0. After a shorter stop without a reversal a joint
+            is used again within 8 ms.
         period: tick [s].
 
     Raises:
@@ -87,7 +87,7 @@ class MovingJoints:
         self._fresh = (check("bias", bias, "positive") * coulomb) ** 2
         slowly = check("bias_walk", bias_walk, "positive") * coulomb
         self._walk = self._period * np.concatenate([walks, slowly, 0.25 * slowly]) ** 2
-        # Of w and c to be filled in.
+        # d per x; `tick` fills in the columns of w and c.
         self._features = np.hstack([np.zeros((self.k, len(walks))), np.eye(self.k), np.zeros((self.k, self.k))])
 
     def start(self) -> dict[str, Array]:
@@ -96,7 +96,7 @@ class MovingJoints:
         return {
             "state": np.zeros(self.size),
             "covariance": np.diag(np.concatenate([np.zeros(self._acting), 0.36 * self._fresh, self._fresh])).ravel(),
-            # Of each joint the direction it last moved in, for how long that has been known and it has been slow.
+            # Of each joint: the direction it last moved in, the time since then, and how long it has been slow.
             "direction": np.zeros(k),
             "since": np.zeros(k),
             "stood": np.zeros(k),
@@ -110,7 +110,7 @@ class MovingJoints:
             rows: A, shape (k, w).
             balance: d, shape (k,) [Nm].
             speed: of the joints, shape (k,) [rad/s].
-            ok: of each joint whether its balance is of this tick, shape (k,).
+            ok: of each joint whether its balance was updated in this tick, shape (k,).
         """
         slow, direction = np.abs(speed) < self._slow, memory["direction"]
         turned = ~slow & (np.sign(speed) != direction)

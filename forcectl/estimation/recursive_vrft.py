@@ -1,13 +1,13 @@
 """Recursive VRFT: the gains of a PID force controller from the data of an experiment, sample by sample (Sec. 4.5).
 
-The controller whose closed loop is M(z) = (1 - A) z^-1/(1 - A z^-1), A = 1 - Ts w_c, would have seen the virtual error
-e_v = (M^-1 - 1) y [N] and answered with the recorded u [m]. Least squares over K_P, K_I Ts and K_D/Ts of (4.20)::
+A controller whose closed loop is M(z) = (1 - A) z^-1/(1 - A z^-1), A = 1 - Ts w_c, would have had the virtual error
+e_v = (M^-1 - 1) y [N] as input and the recorded u [m] as output. Least squares over K_P, K_I Ts and K_D/Ts of (4.20)::
 
     phi[k] = F(z) [y - y z^-1, y, y - 2 y z^-1 + y z^-2]/(1 - A),    target F(z) u[k-1]                (4.27)*
-    F = 1 (Sec. 4.5),    or L = M (1 - M), which weighs the samples as the closed loop does (Sec. 4.2)
+    F = 1 (Sec. 4.5),    or L = M (1 - M), which weighs frequencies as the closed loop does (Sec. 4.2)
 
-u[k-1] belongs to y[k], because the virtual error of (4.24) is one sample ahead. u and y are counted from the first
-sample, at rest. The recursion (4.19) keeps P = U D U' in its factors: symmetric and positive whatever P_0 is.
+u[k-1] belongs to y[k], because the virtual error of (4.24) is one sample ahead. u and y are relative to the first
+sample, at rest. The recursion (4.19) updates the factors of P = U D U', so P stays symmetric and positive for any P_0.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from forcectl.framework.batch import SCALAR_MATH, BatchParameter, BatchValue, ba
 from forcectl.framework.sampled_block import Memory, SampledBatch
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
-_WAIT = 3.0  # samples after a gap until the differences no longer reach across it
+_WAIT = 3.0  # samples after a gap until no difference contains samples from before it
 _SMOOTHING = 0.05  # per sample, of the rate of the force
-_DATA = 11  # numbers that `regressor_step` remembers
+_DATA = 11  # number of states of `regressor_step`
 
 
 def regressor_step(
@@ -43,7 +43,7 @@ def regressor_step(
         prefilter: F = M (1 - M) instead of 1.
 
     Returns:
-        phi, target, whether to learn from them, and the memory.
+        phi, target, whether the sample is valid, and the memory.
     """
     started, rest_u, rest_y, wait, y1, slope_y, s1, rate, u1, slope_u, t1 = memory
     good = (abs(u) < np.inf) & (abs(y) < np.inf)
@@ -63,7 +63,7 @@ def regressor_step(
 
 
 def rounded(value: BatchValue, quantum: BatchValue, m: Any = np) -> BatchValue:
-    """`value` rounded to whole quanta; as it is where there is no quantum."""
+    """`value` rounded to a multiple of `quantum`; unchanged where the quantum is 0."""
     exists = quantum > 0
     size = m.where(exists, quantum, 1.0)
     return m.where(exists, size * m.floor(value / size + 0.5), value)
@@ -98,7 +98,7 @@ def rls_step(
     a0 = forgetting + p0 * g0
     a1 = a0 + f1 * g1
     a2 = a1 + f2 * g2
-    # Of P phi, each column adds its share; the old entries of U go into the next ones.
+    # P phi is summed column by column; the update of U uses the old entries.
     k0, k1 = g0 + u01 * g1, g1
     above = [u01 - f1 / a0 * g0, u02 - f2 / a1 * k0, u12 - f2 / a1 * k1]
     k0, k1 = k0 + u02 * g2, k1 + u12 * g2
@@ -154,18 +154,18 @@ class RecursiveVrft(SampledBatch):
 
     controller_output: shape (n,), u_hat as commanded [m]. measured_force: shape (n,) [N].
     mode: shape (n,) [1]; samples count while it is below 0.5 (`EXCITE`). The port does not exist with `always`; force
-    and displacement are then counted from zero, not from the first sample.
+    and displacement are then relative to zero, not to the first sample.
     proportional_gain, integral_gain, derivative_gain: shape (n,), K_P, K_I, K_D [m/N, m/(N s), m s/N];
     `initial_gains` before the first sample. State, no direct feedthrough.
 
     Parameters (Context, shape (n,)): bandwidth w_c [rad/s] > 0 of the reference model, below 1/period; forgetting in
     (0, 1], 1 for a surface that does not change; resolution [N] >= 0 that the force is rounded to before it is used, as
-    in a recording. Second differences of a force without any round-off tell a K_D that no measured data would (targets,
-    section 2). For tuning that goes on while the law regulates: minimum_force [N] >= 0 and minimum_rate [N/s] >= 0,
-    below which nothing is learnt, the rate smoothed over 20 samples; gain_range [1] > 0, the factor or its inverse that
-    K_P and K_I stay within of the initial gains, infinite: no bounds. P is kept from growing beyond P_0 by forgetting.
+    in a recording: without it, second differences of the simulated force give a K_D that measured data would not
+    (targets, section 2). For tuning during force control: minimum_force [N] >= 0 and minimum_rate [N/s] >= 0, below
+    which samples do not count, the rate smoothed over 20 samples; gain_range [1] > 0, largest factor by which K_P and
+    K_I may differ from the initial gains, up or down, infinite: no bounds. Forgetting does not increase D beyond P_0.
 
-    A sample that is not finite is skipped, and the two after it whose differences reach across the gap.
+    A sample that is not finite is skipped, as are the two after it, whose differences would contain it.
 
     Sampling: every `period` [s]; the outputs change one tick after the samples they use.
 
@@ -246,7 +246,7 @@ class RecursiveVrft(SampledBatch):
         )
 
     def check_together(self, values: Mapping[str, Array]) -> None:
-        """The reference model is stable and does not alternate."""
+        """The reference model is stable and does not oscillate."""
         if not (values["bandwidth"] * self._period < 1).all():
             limit = f"below 1/period = {1 / self._period:g} rad/s"
             raise invalid("bandwidth", values["bandwidth"].tolist(), limit)

@@ -1,14 +1,15 @@
-"""Height of a surface that a tool slides over, beside the compliance of the contact::
+"""Height of a surface that a tool slides over, estimated along with the compliance of the contact::
 
-    s = dx - dx_uc + C_T_hat F    while the tool slides, as it was while the tool is at rest
+    s = dx - dx_uc + C_T_hat F    while the tool slides; held while the tool is at rest
     s'_mean += (Ts/T_m) (s' - s'_mean),    dx_bar = u + s + T s'_mean
 
-u is the command of a law that plans from C_T_hat, such as [57], and T the lag of the force sensor on a ramp, through
-which s is seen: a surface that rises steadily is met without error, and a groove is not led.
+u is the command of a law that plans from C_T_hat, such as [57]. T is the lag of the force sensor on a ramp, with which
+s is measured. With T s'_mean the steady-state error on a surface of constant slope is zero; T_m is so long that a short
+groove changes s'_mean little.
 
-At a constant force a compliance and an offset of the surface (x_0 = -s) cannot be told apart. So what changes at rest
-is taken for compliance, which EWRLS learns, and what changes while the tool slides is taken for the surface. To a force
-law the surface of a robot that sags along its path rises, too.
+At a constant force, a compliance and an offset of the surface (x_0 = -s) cannot be distinguished. So changes at rest
+are attributed to the compliance, which EWRLS estimates, and changes while the tool slides to the surface. A robot that
+sags along its path has the same effect as a rising surface.
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ class SurfaceOffset(SampledBatch):
     ```
 
     measured_force: shape (n,) [N].
-    displacement, path_displacement: shape (n,), actual motor-side dx and dx_uc, what the path asks for along n [m],
+    displacement, path_displacement: shape (n,), actual motor-side dx, and dx_uc, displacement of the path along n [m];
     both passed through the same filter as the force.
     compliance: shape (n,), C_T_hat from the command to the contact [m/N].
     sliding: shape (n,), above 0.5 while the tool slides [1].
     surface_offset: shape (n,), s, while the tool slides s + T s'_mean [m]. Feedthrough of all inputs at the tick.
-    explained_displacement: shape (n,), dx - dx_uc - s [m], from which the compliance is learnt: while the tool slides
-    it is -C_T_hat F, and nothing is learnt. Feedthrough of all inputs at the tick.
+    explained_displacement: shape (n,), dx - dx_uc - s [m], input of the compliance estimate: while the tool slides it
+    is -C_T_hat F, which leaves the estimate unchanged. Feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): drive_compliance [m/N] >= 0 between command and motors, part of C_T_hat;
     offset_limit [m] >= 0, the largest s; lag T [s] >= 0; averaging T_m [s] > 0.
@@ -95,7 +96,7 @@ class SurfaceOffset(SampledBatch):
 
 
 class Sliding(SampledBlock):
-    """Whether a path in the unconstrained directions moves on.
+    """Whether a path in the unconstrained directions is moving.
 
     ```
     name: Sliding
@@ -104,15 +105,16 @@ class Sliding(SampledBlock):
     ```
 
     unconstrained_reference: shape (n_q,), joint motion along the path [rad].
-    sliding: shape (k,), 1 from the tick in which it changes until `settling` after the last change, else 0 [1].
+    sliding: shape (k,), 1 from the tick in which the reference changes until `settling` after its last change, else 0
+    [1].
     Feedthrough at the tick.
 
     Sampling: every `period` [s].
 
     Args:
         num_joints: n_q.
-        size: k, how many force loops are told.
-        settling: of drives and force sensor behind the path [s], >= 0.
+        size: k, number of force loops.
+        settling: settling time of drives and force sensor after the path [s], >= 0.
     """
 
     def __init__(self, num_joints: int, size: int = 1, *, settling: float = 0.5, period: float = 0.002):
@@ -126,7 +128,7 @@ class Sliding(SampledBlock):
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, object]:
         """One tick."""
         now = inputs["unconstrained_reference"]
-        # A reference that is not a number is no motion.
+        # A reference that is not a number counts as no motion.
         moves = memory["time"] >= 0 and bool((np.abs(now - memory["last"]) > 0).any())
         remaining = self._settling if moves else max(memory["remaining"] - self._period, 0.0)
         sliding = np.full_like(memory["sliding"], float(moves or remaining > 0))

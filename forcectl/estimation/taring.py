@@ -1,4 +1,4 @@
-"""Taring of an estimated wrench: what is subtracted from it, and since when it is known."""
+"""Taring of an estimated wrench: subtraction of its mean over a time without contact."""
 
 from __future__ import annotations
 
@@ -12,22 +12,24 @@ from forcectl.errors import invalid
 from forcectl.framework.batch import check
 from forcectl.framework.sampled_block import Memory
 
-_PART = 0.1  # [s] of a mean in the window
+_PART = 0.1  # [s] over which each of the means of the window is taken
 _REMEMBERED = ("zero", "tared", "mean", "past")
 
 
 class Taring:
-    """Taring, to be called by a block that keeps its memory.
+    """Taring, called by a block that keeps its memory. The tare value is subtracted from the wrench.
 
-    With a level above 0.5 the wrench is zero, and what is subtracted from then on is the mean of the ticks since it
-    rose; below -0.5 that is forgotten. With a window the wrench goes on above 0.5, and what is subtracted is the mean
-    of that window of the past, as long as it has been above; the first ticks, up to the window, are zero. Once the
-    window is full this pauses, with the window, while a force differs from its mean by more than `change`: a contact
-    that begins slowly is not subtracted.
+    Without a window: while the level is above 0.5, the wrench is zero and the tare value is the mean of the ticks since
+    the level rose. It is kept afterwards. A level below -0.5 resets it to zero.
+
+    With a window: while the level is above 0.5, the tare value is the mean of the wrench over the window of the past,
+    as far as the level was above 0.5 in it. Before the first such mean the wrench is zero. Once the window is full,
+    taring and window pause while a force differs from the tare value by more than `change`, so that a contact that
+    begins slowly is not subtracted.
 
     Args:
-        window: how long ago it ended and began [s]; empty: none.
-        change: of a force from the mean of the window, with which it pauses [N], > 0.
+        window: its end and begin, as times before now [s]; empty: none.
+        change: of a force from the tare value, above which taring pauses [N], > 0.
         period: tick [s].
 
     Raises:
@@ -39,25 +41,25 @@ class Taring:
         self._change, self._period = check("tare_change", change, "positive"), period
 
     def start(self) -> dict[str, Any]:
-        """The memory before the first tick: what is subtracted, shape (6,), and what it is made of."""
+        """The memory before the first tick: the tare value, shape (6,), and the data of its mean."""
         return {
             "zero": np.zeros(6),
-            "tared": 0.0,  # ticks of the mean
-            "mean": np.zeros(6),  # of the ticks since taring began, with a window of the last 0.1 s
+            "tared": 0.0,  # number of ticks in the mean
+            "mean": np.zeros(6),  # of the ticks since taring began; with a window, of the present 0.1 s
             "past": np.full(6 * self._parts, np.nan),  # means over 0.1 s, the latest first
         }
 
     def known(self, memory: Memory, level: float) -> dict[str, Any]:
-        """Its part of the memory, which a level below -0.5 makes that before the first tick."""
+        """Its part of the memory; a level below -0.5 resets it to that before the first tick."""
         return self.start() if level < -0.5 else {name: memory[name] for name in _REMEMBERED}
 
     def step(self, known: dict[str, Any], found: Array, level: float) -> tuple[Array, dict[str, Any]]:
-        """The wrench after taring, shape (6,) [Nm, N], and what is known for the next tick.
+        """The wrench after taring, shape (6,) [Nm, N], and the memory for the next tick.
 
         Args:
-            known: see there.
-            found: the wrench before, shape (6,) [Nm, N].
-            level: of the input.
+            known: the memory, from `known`.
+            found: the wrench before taring, shape (6,) [Nm, N].
+            level: of the input `tare`.
         """
         if not level > 0.5:
             return found - known["zero"], known | {"tared": 0.0}
@@ -80,7 +82,7 @@ class Taring:
 
 
 def _window(ago: Sequence[float]) -> tuple[int, int]:
-    """The first and the number of the means over 0.1 s, of a window of the past [s]."""
+    """Index of the first of the means over 0.1 s that are in a window of the past [s], and how many to keep."""
     if len(ago) == 0:
         return 0, 0
     if len(ago) != 2 or not 0.0 <= ago[0] <= ago[1] - _PART:

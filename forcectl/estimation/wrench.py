@@ -2,13 +2,13 @@
 
     mu = (J')^+ (r - r_0)                                                                              (5.8)
 
-The least-squares wrench at the origin of a frame. Where the arm cannot feel a direction, J' loses rank and the inverse
-grows without bound; singular values s of J' (translations per `length`) below a limit e are inverted as
+The least-squares wrench at the origin of a frame. Where a wrench direction loads no joint, J' loses rank and the
+inverse grows without bound. Singular values s of J' (translations divided by `length`) below a limit e are inverted as
 
     1/s  ->  s/e^2
 
-which is continuous, never larger than 1/e, and fades out what cannot be felt; all other directions stay exact.
-r_0 is taken in joint torques: what taring removes, friction offsets above all, belongs to the joints and not to a
+This is continuous, never larger than 1/e, and goes to zero with s; all other directions stay exact.
+r_0 is in joint torques, because what taring removes, above all friction offsets, depends on the joints and not on the
 posture.
 """
 
@@ -29,7 +29,7 @@ from forcectl.framework.kernels import is_definite
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.robot.momentum_model import MomentumModel
 
-_LEAST = 1e-6  # smaller limits, relative to all singular values and squared, are left to these values themselves
+_LEAST = 1e-6  # e^2 / sum of s^2 below which J J' is too ill-conditioned for the test of e: then the SVD is used
 
 
 def wrench_from_torques(jacobian: Array, torque: Array, *, smallest: float, length: float) -> tuple[Array, bool]:
@@ -38,8 +38,8 @@ def wrench_from_torques(jacobian: Array, torque: Array, *, smallest: float, leng
     Args:
         jacobian: of the frame, rows [rotation; translation] or translation alone, shape (6, n) or (3, n) [1; m].
         torque: external joint torques, shape (n,) [Nm].
-        smallest: e, singular value below which is damped [1].
-        length: that translations are divided by [m].
+        smallest: e, singular value below which a direction is damped [1].
+        length: divisor of translations [m].
 
     Returns:
         wrench on the robot, [torque; force] or force, shape (6,) or (3,) [Nm, N], and whether it was damped.
@@ -56,7 +56,7 @@ def wrench_from_torques(jacobian: Array, torque: Array, *, smallest: float, leng
     # LAPACK itself: half the time of numpy's wrapper for so small a matrix.
     U, s, Vt, _ = dgesdd(scale[:, None] * jacobian, full_matrices=0)
     solution: Array = scale * (U @ (s / np.maximum(s, smallest) ** 2 * (Vt @ torque)))
-    # Fewer joints than directions: some of them are never felt.
+    # With fewer joints than directions some directions are never observable.
     return solution, bool(s[-1] < smallest) or len(s) < rows
 
 
@@ -71,7 +71,7 @@ class WrenchEstimator(SampledBlock):
 
     external_torque: shape (n,), from a `MomentumObserver` [Nm]. joint_position: shape (n,) [rad].
     tare: shape (1,) [1], may be left unconnected. Above 0.5 the wrench is zero and r_0 becomes the mean torque of the
-    ticks since it rose; below -0.5 r_0 is forgotten, zero.
+    ticks since it rose; below -0.5 r_0 is reset to zero.
     wrench: shape (6,), of the environment on the robot at the origin of `frame`, [torque; force] in `expressed_in`
     [Nm, N]. near_singular: shape (1,), 1 while a direction is damped, else 0 [1].
     All outputs are feedthrough of all inputs at the tick, and held.
@@ -84,10 +84,10 @@ class WrenchEstimator(SampledBlock):
         model: the n joints.
         frame: where the wrench acts.
         expressed_in: any frame of the same plant; world when None.
-        joints: of the n, those that move the frame; all by default. The torques of the others are left alone.
+        joints: of the n, those that move the frame; all by default. The torques of the others are not used.
         moment: False if only a force acts at the frame: then the torque is zero and the force has less noise.
         smallest: e [1].
-        length: of the arm, that translations are divided by [m].
+        length: of the arm, divisor of translations [m].
     """
 
     optional_inputs = ("tare",)

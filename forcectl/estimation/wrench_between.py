@@ -1,11 +1,11 @@
-"""The wrench between two arms that touch each other, of what each of them estimates.
+"""The wrench between two arms that touch each other, from the estimate of each arm.
 
     F = (F_b - X F_a)/2,    X: the wrench at a moved to b
 
-Both arms feel the same wrench with opposite signs, and each makes errors of its own: their mean is better than either.
-It is the wrench between the arms as long as neither touches anything else.
+The same wrench acts on both arms with opposite signs. The errors of the two estimates are independent, so their mean
+has a smaller error. It is the wrench between the arms as long as neither touches anything else.
 
-`WrenchBetweenFilter` has one filter for the joints of both, which follows a contact sooner.
+`WrenchBetweenFilter` is one filter for the joints of both arms, and responds faster to a contact.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from forcectl.robot.robot_motion import pose_parts
 
 
 def moved_wrench(wrench: Array, by: Array) -> Array:
-    """The same wrench (6,) at a point that is `by` (3,) [m] from that of its own, all in the same axes [Nm, N]."""
+    """The wrench (6,) with its reference point moved by `by` (3,) [m], all in the same axes [Nm, N]."""
     return np.concatenate([wrench[:3] - cross(by, wrench[3:]), wrench[3:]])
 
 
 def opposite_mean(on_a: Array, on_b: Array) -> Array:
-    """The wrench of a on b (6,) of what both feel, at one point and in the same axes [Nm, N]."""
+    """The wrench of a on b (6,) from those on a and on b, at one point and in the same axes [Nm, N]."""
     return 0.5 * (on_b - on_a)
 
 

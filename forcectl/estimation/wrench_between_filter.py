@@ -1,12 +1,12 @@
-"""The wrench between two arms that touch each other, of the joints of both.
+"""The wrench between two arms that touch each other, estimated from the joints of both.
 
     d = J_a'(m_a, -f) + J_b'(m_b, f) + b + diag(sign q') c + e
 
-Arm a pushes arm b with f, and is pushed back by as much: one filter for the joints of both, see `MovingJoints`, finds
-one force. While no joint of one arm can be believed, those of the other one lead it on. Were there a filter for each,
-the blind one would keep what it knew, and hold a mean of both back.
+Arm a pushes arm b with f, and b pushes back with -f. One filter for the joints of both, see `MovingJoints`, estimates
+this one force. While all joints of one arm may be in static friction, the joints of the other arm update it. With one
+filter per arm, that of the arm at rest would hold its last estimate, and a mean of both would lag.
 
-Where they touch is not known, so the torques at both hands, m_a and m_b, are unknowns of their own.
+The contact point is not known, so the torques at the two TCPs, m_a and m_b, are separate unknowns.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ class WrenchBetweenFilter(MovingJointsFilter):
     ```
 
     torque_balance: shape (n,), from a `MomentumObserver` [Nm]. joint_position, joint_velocity: shape (n,) [rad, rad/s].
-    reading_ok: shape (n,), 1 for a joint whose balance is of this tick, else 0 [1].
+    reading_ok: shape (n,), 1 for a joint whose balance was updated in this tick, else 0 [1].
     tare: shape (1,) [1], may be left unconnected; see `Taring`, in the axes of the TCP of b.
-    wrench: shape (6,), of arm a on arm b at the TCP of b, [torque; force] in `expressed_in` [Nm, N]. The torque is what
-    b alone feels. Feedthrough of all inputs at the tick, and held.
+    wrench: shape (6,), of arm a on arm b at the TCP of b, [torque; force] in `expressed_in` [Nm, N]. The torque is
+    m_b, from the joints of b alone. Feedthrough of all inputs at the tick, and held.
 
     It is the wrench between the arms as long as neither touches anything else. Numbers that are not finite hold the
     estimate of the last tick.
@@ -46,14 +46,14 @@ class WrenchBetweenFilter(MovingJointsFilter):
 
     Args:
         model: the n joints.
-        friction: that the n joints should have.
+        friction: assumed friction of the n joints.
         between: arms a and b.
         expressed_in: any frame of the same plant; world when None.
         moment: False if only forces act at the TCPs: then the torque is zero and the force has less noise.
-        force_walk: deviation that a force gains in a second [N], > 0.
+        force_walk: random walk of a force, as the standard deviation of its change in 1 s [N], > 0.
         moment_walk: the same of a torque [Nm], > 0.
-        tare_window: how long ago it ended and began [s]; empty: none.
-        tare_change: of a force from the mean of the window, with which it pauses [N], > 0.
+        tare_window: end and begin of the window of `Taring`, as times before now [s]; empty: none.
+        tare_change: change of a force from the tare value, above which taring pauses [N], > 0.
         period: tick [s].
         **trust: `noise`, `bias`, `bias_walk`, `slow`, `hold` and `trust` of `MovingJoints`.
 

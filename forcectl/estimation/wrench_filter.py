@@ -1,10 +1,10 @@
-"""The wrench at a frame of the robot, felt by the joints that move.
+"""The wrench at a frame of the robot, estimated from the torques of the joints that move.
 
-`MovingJoints` finds the wrench w at the frame in its own axes, with A = J': a force is felt as long as enough joints
-move; a motion that the tasks leave free moves nearly all of them, see `SelfMotion`.
+`MovingJoints` estimates the wrench w at the frame, in the axes of the frame, with A = J'. A force is observable as long
+as enough joints move; a null-space motion moves nearly all of them, see `SelfMotion`.
 
-What acts elsewhere, on the elbow say, also moves joints along N, J N = 0, which no wrench at the frame does: N'(d - b)
-tells the two apart, as far as the force has a part along that motion.
+A wrench at the frame has no torque along the null space N, J N = 0. A force elsewhere, on the elbow say, has one as far
+as it acts along that motion: N'(d - b) tells the two apart.
 """
 
 from __future__ import annotations
@@ -29,30 +29,31 @@ from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.plant.drives.joint_friction import JointFriction, sliding_friction_torque
 from forcectl.robot.momentum_model import MomentumModel
 
-_DOUBT = 0.05  # below which a joint is believed
-_NEEDED = 0.1  # share of a motion that leaves the frame where it is, from which on the joint is needed
-_SETTLED = 1.0  # [s] in which b and c are learnt that this torque is beyond
-_LAG = 0.02  # [s] of the torque of what acts elsewhere
+_DOUBT = 0.05  # doubt below which the balance of a joint counts as used
+_NEEDED = 0.1  # component of a unit null-space motion above which its joint must be used
+_SETTLED = 1.0  # [s] time constant of the filtered b and c that `torque_elsewhere` is measured from
+_LAG = 0.02  # [s] time constant of `torque_elsewhere`
 
 
 class MovingJointsFilter(SampledBlock):
-    """Base of the filters of a wrench at a frame, which is felt by joints that move.
+    """Base of the filters that estimate a wrench at a frame from the joints that move.
 
-    A subclass says how joints feel it, in `_rows` and `_wrench`, and what else it remembers, in `_further`. It has the
-    input ports [torque_balance, joint_position, joint_velocity, reading_ok, tare] and the output `wrench` of
-    `WrenchFilter`.
+    A subclass maps the unknowns to joint torques in `_rows` and to the wrench in `_wrench`, and may keep further state
+    in `_further`. It has the input ports [torque_balance, joint_position, joint_velocity, reading_ok, tare] and the
+    output `wrench` of `WrenchFilter`.
 
     Args:
         model: the n joints.
-        friction: that the n joints should have.
-        joints: of the n, those that feel the wrench.
+        friction: assumed friction of the n joints.
+        joints: of the n, those that the wrench acts on.
         frame: where the wrench acts.
         expressed_in: any frame of the same plant; world when None.
-        walks: numbers of torques and forces that are unknown, and what the deviation of each gains in a second.
+        walks: number of unknown torque components; random walks of a torque and of a force, as the standard deviation
+            of their change in 1 s [1, Nm, N].
         tare: window and change of `Taring`.
         period: tick [s].
-        trust: of `MovingJoints`.
-        further: what else is remembered, by name.
+        trust: keyword arguments of `MovingJoints`.
+        further: further state by name.
 
     Raises:
         BadInputError: a value out of range, friction of another number of joints, a frame of another plant.
@@ -101,14 +102,14 @@ class MovingJointsFilter(SampledBlock):
 
     @abstractmethod
     def _rows(self, plant: Context, q: Array) -> Array:
-        """What each joint feels of each unknown, shape (k, w), at the joint positions q."""
+        """Torque of each joint per unit of each unknown, shape (k, w), at the joint positions q."""
 
     @abstractmethod
     def _wrench(self, unknowns: Array) -> Array:
         """The wrench of w torques and forces, shape (6,), in the axes of the frame [Nm, N]."""
 
     def _further(self, memory: Memory, rows: Array, balance: Array, felt: Felt) -> dict[str, Any]:
-        """What else the tick leaves in the memory."""
+        """Further state after the tick."""
         return {}
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
@@ -142,16 +143,17 @@ class WrenchFilter(MovingJointsFilter):
     ```
 
     torque_balance: shape (n,), from a `MomentumObserver` [Nm]. joint_position, joint_velocity: shape (n,) [rad, rad/s].
-    reading_ok: shape (n,), 1 for a joint whose balance is of this tick, else 0 [1].
+    reading_ok: shape (n,), 1 for a joint whose balance was updated in this tick, else 0 [1].
     tare: shape (1,) [1], may be left unconnected; see `Taring`, in the axes of the frame.
     wrench: shape (6,), of the environment on the robot at the origin of `frame`, [torque; force] in `expressed_in`
     [Nm, N].
-    wrench_deviation: shape (6,), standard deviations of the wrench in the axes of the frame, as this filter sees it:
-    they grow while no joint that moves feels a direction [Nm, N].
-    joint_bias: shape (k,), b of the k joints of `joints` [Nm]. moving: shape (k,), 1 for those that are believed [1].
-    torque_elsewhere: shape (1,), size of the torque along motions that leave the frame where it is, which no wrench
-    at the frame has, beyond what b and c have explained for a second; behind a lag of 20 ms, and held while joints that
-    it needs are not believed [Nm].
+    wrench_deviation: shape (6,), standard deviations of the wrench in the axes of the frame, from the covariance of the
+    filter: those of a direction grow while it loads no moving joint [Nm, N].
+    joint_bias: shape (k,), b of the k joints of `joints` [Nm]. moving: shape (k,), 1 for those whose balance is used, 0
+    for those that may be in static friction or have no reading [1].
+    torque_elsewhere: shape (1,), norm of the torque along null-space motions, which no wrench at the frame has, minus
+    the part of b and c filtered over 1 s; filtered over 20 ms, and held while a joint of these motions is not used
+    [Nm].
     All outputs are feedthrough of all inputs at the tick, and held.
 
     Numbers that are not finite hold the estimate of the last tick.
@@ -160,15 +162,15 @@ class WrenchFilter(MovingJointsFilter):
 
     Args:
         model: the n joints.
-        friction: that the n joints should have.
+        friction: assumed friction of the n joints.
         frame: where the wrench acts.
         expressed_in: any frame of the same plant; world when None.
         joints: of the n, those that move the frame; all by default.
         moment: False if only a force acts at the frame: then the torque is zero and the force has less noise.
-        force_walk: deviation that a force gains in a second [N], > 0.
+        force_walk: random walk of a force, as the standard deviation of its change in 1 s [N], > 0.
         moment_walk: the same of a torque [Nm], > 0.
-        tare_window: how long ago it ended and began [s]; empty: none.
-        tare_change: of a force from the mean of the window, with which it pauses [N], > 0.
+        tare_window: end and begin of the window of `Taring`, as times before now [s]; empty: none.
+        tare_change: change of a force from the tare value, above which taring pauses [N], > 0.
         period: tick [s].
         **trust: `noise`, `bias`, `bias_walk`, `slow`, `hold` and `trust` of `MovingJoints`.
 
@@ -205,7 +207,7 @@ class WrenchFilter(MovingJointsFilter):
             "joint_bias": np.zeros(k),
             "moving": np.zeros(k),
             "torque_elsewhere": 0.0,
-            # b and c behind a lag, for they take up what acts elsewhere; and its torque.
+            # Low-pass filtered b and c, because they absorb a force elsewhere with time; null-space torque, filtered.
             "settled": np.zeros(2 * k),
             "elsewhere": np.zeros(k),
         }
