@@ -1,7 +1,8 @@
 """Excitation of a contact in open loop: trapezoidal-velocity moves, or any profile from a file (Sec. 4.3.2).
 
-A profile is a displacement u_hat [m] along n, negative into the surface. The one of the thesis is not published: moves
-of 1 mm up to 4 mm on springs of 5900 N/m reproduce its gains. Elsewhere they are scaled to press with the same force.
+A profile is a displacement u_hat [m] along n, negative into the surface. The profile of the thesis is not published:
+moves of 1 mm up to 4 mm on springs of 5900 N/m reproduce its gains. For other stiffnesses they are scaled to the same
+force.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from forcectl.framework.fields import Config, key
 from forcectl.framework.files.series_file import check_steepest
 from forcectl.motion.references import Reference, linear_trajectory, read_signal, stack_scaled
 
-SPRING_STIFFNESS = 5900.0  # [N/m] that the default moves are made for
-_SHORTEST = 1e-9  # segment of a trajectory [s]
-_FURTHEST, _FASTEST = 1.0, 1.0  # [m], [m/s] of a profile in a file
+SPRING_STIFFNESS = 5900.0  # [N/m] contact stiffness for which the default moves are chosen
+_SHORTEST = 1e-9  # shortest segment of a trajectory [s]
+_FURTHEST, _FASTEST = 1.0, 1.0  # largest displacement [m] and speed [m/s] of a profile in a file
 
 
 def move(distance: float, speed: float, acceleration: float) -> list[tuple[float, float]]:
@@ -53,7 +54,7 @@ def trapezoidal_moves(
     times, pieces = [0.0], []
 
     def add(duration: float, *coefficients: float) -> None:
-        # Phases too short to be a segment are left out; the next one begins at its own position all the same.
+        # Phases too short to be a segment are left out; the next one still begins at its own position.
         if duration >= _SHORTEST:
             times.append(times[-1] + duration)
             pieces.append(np.array([[Polynomial(np.array(coefficients))]]))
@@ -69,7 +70,7 @@ def trapezoidal_moves(
 
 
 class _Excitation:
-    """What the configurations of excitations share."""
+    """Base of the configurations of excitations."""
 
     scale: float | None
 
@@ -78,11 +79,11 @@ class _Excitation:
         raise NotImplementedError
 
     def end_time(self) -> float:
-        """When the profile is over [s]."""
+        """End of the profile [s]."""
         return float(self.trajectory().end_time())
 
     def first_move(self) -> float:
-        """When the profile leaves where it begins [s]."""
+        """Time at which the profile first moves [s]."""
         trajectory = self.trajectory()
         breaks = trajectory.get_segment_times()
         begin = trajectory.value(breaks[0]).item()
@@ -102,7 +103,7 @@ class _Excitation:
         """Add the block `excitation` with the output `excitation`, shape (n,) [m], for n contacts.
 
         Args:
-            environment_compliance: C_E [m/N], shape (n,), known about; decides the scale when that is None.
+            environment_compliance: approximate C_E [m/N], shape (n,); gives the scale when that is None.
         """
         profile = stack_scaled(self.trajectory(), self._scales(environment_compliance))
         return builder.AddNamedSystem("excitation", Reference("excitation", profile))
@@ -114,15 +115,19 @@ class TrapezoidalMovesConfig(_Excitation, Config):
 
     depths: list[float] = key(
         [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 3e-3, 2e-3, 1e-3, 0.0],
-        "into the surface, first where it begins",
+        "depths into the surface to move to in turn, the first one at the start",
         unit="m",
         bounds="from -1 to 1",
     )
-    speed: float = key(0.005, "of the moves", unit="m/s", bounds="above 0 and at most 1")
-    acceleration: float = key(0.05, "of the moves", unit="m/s^2", bounds="above 0 and at most 100")
+    speed: float = key(0.005, "largest speed of the moves", unit="m/s", bounds="above 0 and at most 1")
+    acceleration: float = key(
+        0.05, "acceleration and deceleration of the moves", unit="m/s^2", bounds="above 0 and at most 100"
+    )
     rest: float = key(2.0, "rest after each move", unit="s", bounds="from 0 to 600")
     start_rest: float = key(0.5, "rest before the first move", unit="s", bounds="from 0 to 600")
-    scale: float | None = key(None, "factor on the moves; null: 5900 N/m / K_E, same forces", bounds="positive")
+    scale: float | None = key(
+        None, "factor on the depths; null: 5900 N/m / K_E, for the same forces at any stiffness", bounds="positive"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -146,8 +151,8 @@ class ExcitationFileConfig(_Excitation, Config):
     The points are joined by straight lines.
     """
 
-    path: str = key("", "of the CSV file: absolute, or relative to the scenario or the working directory")
-    scale: float | None = key(1.0, "factor on the displacement; null: 5900 N/m / K_E", bounds="positive")
+    path: str = key("", "path of the CSV file: absolute, or relative to the scenario or the working directory")
+    scale: float | None = key(1.0, "factor on the displacement of the file; null: 5900 N/m / K_E", bounds="positive")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,8 +1,9 @@
 """Plans by Ruckig of components that are planned together.
 
-What Ruckig (0.19) alone does not do: from an arc of a time-optimal trajectory, where every new target finds the motion,
-rounding makes it miss the fastest profile once in a hundred times, by up to five seconds. Planning with two jerk limits
-that differ by 1e-9 and taking the faster profile finds it. One synchronised plan in 1e4 fails, and is planned without.
+Two workarounds for Ruckig (0.19). A new target usually comes while the motion is on a time-optimal trajectory. From
+there, rounding makes Ruckig miss the fastest profile once in a hundred times, by up to five seconds. Planning with two
+jerk limits that differ by 1e-9, and taking the faster profile, finds it. One synchronised plan in 1e4 fails; it is then
+planned without synchronisation.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
 from forcectl.arrays import Array
 from forcectl.errors import invalid
 
-# Plans stay this far inside the limits, relatively, so that rounding does not break them; and the two limits of jerk.
+# Plans stay this far inside the limits, relatively, so that rounding does not exceed them; and the two jerk limits.
 _MARGIN, _LESS_JERK, _JERK = 1.0 - 1e-9, 1.0 - 2e-9, 1.0 - 1e-9
 _POSITION, _VELOCITY = ControlInterface.Position, ControlInterface.Velocity
 _TOGETHER, _ALONE = Synchronization.Phase, Synchronization.No
-_LEAST_SHARE = 0.1  # of its limits that a component stops with which could stop in less than a tenth of the time
+_LEAST_SHARE = 0.1  # smallest factor on the limits of a component that stops along with a slower one
 _FASTER = 1e-9  # what counts as a shorter duration [s]
 _LONGEST = 7600.0  # a longer duration is an error to Ruckig [s]
 
@@ -29,8 +30,8 @@ class GroupPlan(NamedTuple):
 
     Attributes:
         trajectory: of Ruckig.
-        unit: what its numbers are multiples of [u].
-        arrival: when each component is at its target [s]; never (infinite) where it brakes.
+        unit: the unit of its numbers [u].
+        arrival: time at which each component is at its target [s]; infinite where it brakes.
         braking: 1 in components that could not be planned and brake to rest.
     """
 
@@ -49,11 +50,11 @@ class GroupPlanner:
     def __init__(self, limits: Array, synchronized: bool):
         self._limits, self._size, self._synchronized = limits, limits.shape[1], synchronized
         self._ruckig, self._input = Ruckig(self._size), InputParameter(self._size)
-        # Ruckig has absolute tolerances, which large numbers miss by rounding: they get a unit, a power of two.
+        # Rounding of large numbers exceeds Ruckig's absolute tolerances: they get a larger unit, a power of two.
         self._unit = 2.0 ** np.maximum(np.round(np.log2(limits[0])), 0.0)
         limits = limits / self._unit
         velocity, acceleration, jerk = limits * _MARGIN
-        # What the velocity limit leaves no room for only makes the numbers worse.
+        # Acceleration that cannot be reached below the velocity limit only makes the problem ill-conditioned.
         usable = np.minimum(acceleration, 2.0 * np.sqrt(velocity * jerk))
         # Lists: Ruckig takes them in a tenth of the time of arrays.
         self._speeds = velocity.tolist()
@@ -97,7 +98,7 @@ class GroupPlanner:
         inputs, fastest, reach = self._input, self._speeds, self._accelerations
         position, velocity, acceleration = (start / self._unit).tolist()
         inputs.current_position, inputs.current_velocity, inputs.current_acceleration = position, velocity, acceleration
-        # Outside the limits all of the acceleration is needed.
+        # From outside the limits the full acceleration is needed.
         inputs.max_acceleration = [
             full if abs(v) > limit or abs(a) > usable else usable
             for v, a, limit, (usable, full) in zip(velocity, acceleration, fastest, reach, strict=True)
@@ -123,7 +124,7 @@ class GroupPlanner:
         return self._calculate() if any(faster) else tries[0]
 
     def _stopped_together(self, fastest: Any) -> Any:
-        """As slow as the slowest, with jerk and acceleration scaled: alike in shape, so the path goes on straight."""
+        """All stop as slowly as the slowest: scaled jerk and acceleration keep profiles alike and the path straight."""
         inputs, times = self._input, np.array(fastest.independent_min_durations)
         share = np.maximum(times / max(times.max(), _FASTER), _LEAST_SHARE)
         reach = share * inputs.max_acceleration
@@ -136,7 +137,7 @@ class GroupPlanner:
         trajectory = Trajectory(self._size)
         try:
             result = self._ruckig.calculate(self._input, trajectory)
-        except (RuckigError, ValueError):  # its Python side does not know every code of its failures
+        except (RuckigError, ValueError):  # its Python binding lacks some of its error codes
             return None
         return trajectory if result in (Result.Working, Result.Finished) else None
 

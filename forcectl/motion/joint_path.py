@@ -2,8 +2,8 @@
 
     q(t) = moves(t) + sum_i envelope_i(t) A_i sin(2 pi f_i (t - t_i))
 
-A move goes with s(x) = 10 x^3 - 15 x^4 + 6 x^5, at rest at both ends. Sines begin and end within `ramp` of their time
-by 1/2 - cos/2. A dither keeps joints from sticking: friction of a joint at rest may be anything up to Coulomb's.
+A move follows s(x) = 10 x^3 - 15 x^4 + 6 x^5, at rest at both ends. Sines fade in and out over `ramp` with the envelope
+1/2 - cos/2. A dither keeps joints out of static friction, which may have any value up to Coulomb's.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Move:
 class Sines:
     """Sines from `start` to `end` [s] with amplitudes [rad], frequencies [Hz] and phases [rad] of shape (n,).
 
-    They come and go within `ramp` [s].
+    They fade in and out over `ramp` [s].
     """
 
     start: float
@@ -83,8 +83,8 @@ class JointPath(PythonBlock):
     Sampling: none; evaluated when read.
 
     Args:
-        start: position that the parts are added to, shape (n,) [rad].
-        parts: what is added to it.
+        start: position at the start, shape (n,) [rad].
+        parts: moves and sines that are added to it.
     """
 
     def __init__(self, start: Array, parts: Sequence[Move | Sines]):
@@ -115,43 +115,45 @@ def path_at(time: float, start: Array, parts: Sequence[Move | Sines]) -> tuple[A
 
 @dataclass(kw_only=True)
 class DitherConfig(Config):
-    """Small sines of all joints, that keep them from sticking."""
+    """Small sines of all joints that keep them out of static friction."""
 
-    amplitude_deg: float = key(0.0, "of the sines; 0: none", unit="deg", bounds="from 0 to 10")
+    amplitude_deg: float = key(
+        0.0, "amplitude of the dither of each joint; 0: no dither", unit="deg", bounds="from 0 to 10"
+    )
     frequency: float = key(
         3.0,
-        "of the sines, a quarter of a turn apart from joint to joint: never all reverse",
+        "frequency of the dither; neighbouring joints differ by 90 deg in phase, so they never all reverse at once",
         unit="Hz",
         bounds="positive",
     )
-    start: float = key(0.0, "of the dither", unit="s", bounds="not negative")
-    ramp: float = key(0.3, "over which the dither grows", unit="s", bounds="positive")
+    start: float = key(0.0, "start of the dither", unit="s", bounds="not negative")
+    ramp: float = key(0.3, "time over which the dither grows to its amplitude", unit="s", bounds="positive")
 
     def parts(self, size: int) -> list[Sines]:
         """The sines of `size` joints."""
         if self.amplitude_deg == 0:
             return []
         amplitude = np.full(size, np.radians(self.amplitude_deg))
-        # A quarter of a turn between neighbours: never all at rest.
+        # 90 deg of phase between neighbours: the joints are never all at rest.
         phase: Array = 0.5 * np.pi * np.arange(size, dtype=float)
         return [Sines(self.start, np.inf, self.ramp, amplitude, np.full(size, self.frequency), phase)]
 
 
 @dataclass(kw_only=True)
 class PostureConfig(Config):
-    """One entry of `postures`."""
+    """One entry of `postures`: a posture and the move to it."""
 
-    posture_deg: list[float] = key([], "of all joints", unit="deg")
-    start: float = key(0.0, "of the move there", unit="s", bounds="not negative")
-    duration: float = key(1.0, "of the move there", unit="s", bounds="positive")
+    posture_deg: list[float] = key([], "positions of all joints in the posture", unit="deg")
+    start: float = key(0.0, "start of the move to the posture", unit="s", bounds="not negative")
+    duration: float = key(1.0, "duration of the move to the posture", unit="s", bounds="positive")
 
 
 @dataclass(kw_only=True)
 class JointMovesConfig(Config):
     """Scenario part `!JointMoves`: from posture to posture, with a dither."""
 
-    postures: list[PostureConfig] = key([], "in the order of time; none: stay")
-    dither: DitherConfig = key(DitherConfig, "small sines of all joints")
+    postures: list[PostureConfig] = key([], "postures to move to, in the order of time; empty: stay")
+    dither: DitherConfig = key(DitherConfig, "small sines of all joints against static friction")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -188,15 +190,23 @@ class JointMovesConfig(Config):
 class JointExcitationConfig(Config):
     """Scenario part `!JointExcitation`: sines of all joints at several speeds, for the identification of friction.
 
-    Each of `speed_shares` lasts `duration`; the frequencies of the joints are spread from `frequency` to
-    `frequency_spread` times it, so that they are independent of each other.
+    Each of `speed_shares` lasts `duration`. The frequencies of the joints are spread from `frequency` to
+    `frequency_spread` times it, so that the motions of the joints are independent of each other.
     """
 
-    speed_shares: list[float] = key([0.1, 0.3, 0.6], "of the joint speed limits", bounds="above 0 and at most 1")
-    duration: float = key(5.0, "at each of the speeds", unit="s", bounds="positive")
-    frequency: float = key(0.5, "of the first joint", unit="Hz", bounds="positive")
-    frequency_spread: float = key(1.8, "highest frequency / lowest", bounds="at least 1")
-    room_share: float = key(0.6, "share of the way to the nearer limit", bounds="above 0 and below 1")
+    speed_shares: list[float] = key(
+        [0.1, 0.3, 0.6],
+        "peak speeds of the sines / speed limits of the joints, one after the other",
+        bounds="above 0 and at most 1",
+    )
+    duration: float = key(5.0, "duration of the sines at each of the peak speeds", unit="s", bounds="positive")
+    frequency: float = key(0.5, "frequency of the sines of the first joint, the lowest", unit="Hz", bounds="positive")
+    frequency_spread: float = key(1.8, "frequency of the last joint / that of the first", bounds="at least 1")
+    room_share: float = key(
+        0.6,
+        "largest amplitude of a sine / distance of the joint from its nearer position limit",
+        bounds="above 0 and below 1",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -208,7 +218,7 @@ class JointExcitationConfig(Config):
         n, limits = model.num_joints, model.known_robot().limits
         frequency = self.frequency * np.linspace(1.0, self.frequency_spread, n)
         room = np.minimum(model.start - limits.position_lower, limits.position_upper - model.start)
-        # Limits of acceleration and position allow less than those of speed where a joint turns often, or has no room.
+        # At high frequencies the acceleration limits, and near a position limit its distance, allow less speed.
         fastest = np.minimum(
             2 * np.pi * frequency * self.room_share * room, limits.acceleration / (2 * np.pi * frequency)
         )

@@ -1,7 +1,7 @@
-"""Loads on a robot over time: wrenches at the tool centre points, held, ramped, one after the other, and again.
+"""Loads on a robot over time: sequences of wrenches at tool centre points or bodies, with ramps and repeats.
 
 A load of the list acts from `start` on: each of its wrenches for `hold`, with a ramp of `ramp` at both ends, then a
-`pause` without; all of it `repeats` times, `every` so many seconds. Loads on one arm add up.
+`pause` without load. The sequence is applied `repeats` times, once `every` so many seconds. Loads on one arm add up.
 """
 
 from __future__ import annotations
@@ -20,25 +20,33 @@ from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key
 from forcectl.robot.model import RobotModel
 
-_ROUNDING = 1e-9  # [s] of the times of ticks
-_SMALLEST = 1e-6  # [Nm, N] of a load
+_ROUNDING = 1e-9  # [s] tolerance for rounding of the times of ticks
+_SMALLEST = 1e-6  # [Nm, N] smallest load
 
 
 @dataclass(kw_only=True)
 class LoadConfig(Config):
     """Scenario part `!Load`: wrenches at a TCP or a body, held and ramped, one after the other."""
 
-    arm: str = key("", "at whose TCP; empty: the first one's")
-    body: str = key("", "instead: a body or frame of the robot's model, at its origin")
-    start: float = key(0.0, "of the first wrench", unit="s", bounds="not negative")
-    hold: float = key(1.0, "time of each wrench, ramps included", unit="s", bounds="positive")
-    pause: float = key(0.0, "time after each wrench", unit="s", bounds="not negative")
-    ramp: float = key(0.0, "time of each ramp, at most half of `hold`", unit="s", bounds="not negative")
-    wrenches: list[list[float]] = key(
-        [], "each [torque; force] in the world", unit="Nm, N", size=6, bounds="from -30000 to 30000"
+    arm: str = key("", "arm at whose TCP the load acts; empty: the first arm")
+    body: str = key("", "body or frame of the robot's model at whose origin the load acts; empty: at a TCP")
+    start: float = key(0.0, "start of the first wrench", unit="s", bounds="not negative")
+    hold: float = key(1.0, "duration of each wrench, ramps included", unit="s", bounds="positive")
+    pause: float = key(0.0, "time without load after each wrench", unit="s", bounds="not negative")
+    ramp: float = key(
+        0.0, "duration of the ramps at both ends of a wrench, at most half of `hold`", unit="s", bounds="not negative"
     )
-    repeats: int = key(1, "how often the wrenches follow each other", bounds="from 1 to 100000")
-    every: float = key(0.0, "from the start of one repeat to the next", unit="s", bounds="not negative")
+    wrenches: list[list[float]] = key(
+        [],
+        "wrenches on the robot, one after the other, each [torque; force] in the world",
+        unit="Nm, N",
+        size=6,
+        bounds="from -30000 to 30000",
+    )
+    repeats: int = key(1, "how often the sequence of wrenches is applied", bounds="from 1 to 100000")
+    every: float = key(
+        0.0, "time from the start of one repeat to the start of the next", unit="s", bounds="not negative"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -57,11 +65,11 @@ class LoadConfig(Config):
 
     @property
     def duration(self) -> float:
-        """Of one repeat [s]."""
+        """Duration of one repeat [s]."""
         return len(self.wrenches) * (self.hold + self.pause)
 
     def edges(self) -> Iterator[float]:
-        """Times at which it begins and ends to change, of its first three repeats [s]."""
+        """Times at which the ramps begin and end, in the first three repeats [s]."""
         for repeat in range(min(self.repeats, 3)):
             for i in range(len(self.wrenches)):
                 begin = self.start + repeat * self.every + i * (self.hold + self.pause)
@@ -94,7 +102,7 @@ class Loads(PythonBlock):
     Sampling: every `period` [s]; the load of a tick shows after it.
 
     Args:
-        loads: on the places, with the index of each.
+        loads: each with the index of the place it acts on.
         count: number p of places.
         period: [s].
         name: of the output.
@@ -102,7 +110,7 @@ class Loads(PythonBlock):
 
     def __init__(
         self,
-        loads: Sequence[tuple[int, LoadConfig | _Answered]],
+        loads: Sequence[tuple[int, LoadConfig | _CheckedLoad]],
         count: int,
         *,
         period: float,
@@ -125,19 +133,19 @@ class Loads(PythonBlock):
 
 
 @dataclass(frozen=True)
-class _Answered:
-    """A load whose answers are looked at.
+class _CheckedLoad:
+    """A load whose wrenches are checked.
 
     Attributes:
-        load: of a station.
-        key: of it, for messages.
+        load: one of a station.
+        key: its key, for messages.
     """
 
     load: LoadConfig
     key: str
 
     def wrench(self, time: float) -> Array:
-        """What the load answers, shape (6,) [Nm, N]; RunFailedError where that is no wrench."""
+        """The wrench of the load, shape (6,) [Nm, N]; RunFailedError where it is not six finite numbers."""
         told = self.load.wrench(time)
         try:
             wrench = np.asarray(told, dtype=float)
@@ -185,7 +193,7 @@ def add_loads(
                 raise unknown("arm", load.arm, arms)
             if getattr(load, "hold", period) < period:
                 raise invalid("hold", load.hold, f"at least a control tick, {period:g} s")
-    answered = [(load, _Answered(load, f"station.loads.{i}")) for i, load in enumerate(loads)]
+    answered = [(load, _CheckedLoad(load, f"station.loads.{i}")) for i, load in enumerate(loads)]
     at_tips = [(arms.index(load.arm or arms[0]), each) for load, each in answered if not load.body]
     on_bodies = [(bodies.index(load.body), each) for load, each in answered if load.body]
     found = {}

@@ -22,7 +22,7 @@ from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.files.series_file import read_series
 
-_SHORTEST = 1e-9  # time between two points of a reference [s]
+_SHORTEST = 1e-9  # shortest time between two points of a reference [s]
 
 
 def held_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomial:
@@ -48,7 +48,7 @@ def linear_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomia
 
 
 def _points(times: ArrayLike, values: ArrayLike, least: int) -> tuple[Array, Array]:
-    """Times (k,) and values (n, k), at least so many."""
+    """Times (k,) and values (n, k), with k at least `least`."""
     t, each = np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float))
     if t.ndim != 1 or t.size < least or not np.isfinite(t).all() or (np.diff(t) < _SHORTEST).any():
         raise invalid("times", t.tolist(), f"at least {least}, finite and increasing by at least {_SHORTEST:g} s")
@@ -60,7 +60,7 @@ def _points(times: ArrayLike, values: ArrayLike, least: int) -> tuple[Array, Arr
 
 
 def stack_scaled(trajectory: PiecewisePolynomial, scale: Array) -> PiecewisePolynomial:
-    """One scalar trajectory times each of `scale` (n,): shape (n, 1)."""
+    """A scalar trajectory multiplied by each of `scale` (n,): shape (n, 1)."""
     pieces = []
     for i in range(trajectory.get_number_of_segments()):
         coefficients = trajectory.getPolynomial(i).GetCoefficients()
@@ -100,7 +100,7 @@ class Reference(PythonDiagram):
 
 
 class _ForceReference:
-    """What the reference configurations share: adding themselves for a batch of n."""
+    """Base of the reference configurations: adds the reference for a batch of n."""
 
     def trajectory(self) -> PiecewisePolynomial | ArrayLike:
         raise NotImplementedError
@@ -140,7 +140,7 @@ def _check_times(name: str, times: list[float]) -> None:
 
 @contextmanager
 def _in_column(path: str, column: str) -> Iterator[None]:
-    """What is refused within is about a column of a file, which is that of the key `path`."""
+    """Turn a BadInputError raised within into one about a column of the file at the key `path`."""
     try:
         yield
     except BadInputError as error:
@@ -163,13 +163,13 @@ def read_signal(path: str, column: str) -> tuple[list[float], list[float]]:
 class StepConfig(_ForceReference, Config, in_batches=True):
     """Scenario part `!Step`: `initial_force` until `start_time`, then `force`."""
 
-    force: float = key(15.0, "from `start_time` on", unit="N", bounds="not negative", each=True)
-    start_time: float = key(0.0, "of the step", unit="s", bounds="not negative")
-    initial_force: float = key(0.0, "until the step", unit="N", bounds="not negative", each=True)
+    force: float = key(15.0, "desired force from `start_time` on", unit="N", bounds="not negative", each=True)
+    start_time: float = key(0.0, "time of the step", unit="s", bounds="not negative")
+    initial_force: float = key(0.0, "desired force before the step", unit="N", bounds="not negative", each=True)
 
     @property
     def number_of_steps(self) -> int:
-        """How many steps it makes, from zero on."""
+        """Number of steps, the first one from zero."""
         return 1 + (self.start_time > 0 and bool(np.any(self.initial_force)))
 
     def trajectory(self) -> PiecewisePolynomial | ArrayLike:
@@ -180,7 +180,7 @@ class StepConfig(_ForceReference, Config, in_batches=True):
         return held_trajectory([0.0, self.start_time], np.stack(both, axis=-1))
 
     def check_effect(self) -> None:
-        """Refuse a step that changes nothing, and an initial force that never is.
+        """Refuse a step that changes nothing, and an initial force that never applies.
 
         Raises:
             BadInputError: about `initial_force`.
@@ -195,18 +195,18 @@ class StepConfig(_ForceReference, Config, in_batches=True):
 class RampConfig(_ForceReference, Config, in_batches=True):
     """Scenario part `!Ramp`: from `initial_force` at `start_time` with `rate` up or down to `force`."""
 
-    force: float = key(15.0, "at the end of the ramp", unit="N", bounds="not negative")
-    rate: float = key(5.0, "of the ramp, up or down", unit="N/s", bounds="at least 0.001")
-    start_time: float = key(0.0, "of the ramp", unit="s", bounds="not negative")
-    initial_force: float = key(0.0, "until the ramp", unit="N", bounds="not negative")
+    force: float = key(15.0, "desired force at the end of the ramp", unit="N", bounds="not negative")
+    rate: float = key(5.0, "slope of the ramp, up or down", unit="N/s", bounds="at least 0.001")
+    start_time: float = key(0.0, "start of the ramp", unit="s", bounds="not negative")
+    initial_force: float = key(0.0, "desired force before the ramp", unit="N", bounds="not negative")
 
     @property
     def end_time(self) -> float:
-        """When the ramp is over [s]."""
+        """End of the ramp [s]."""
         return self.start_time + abs(self.force - self.initial_force) / self.rate
 
     def beyond(self, duration: float) -> dict[str, str]:
-        """What a run of this duration [s] does not come to: keys with their values, and why."""
+        """Keys with values that a run of this duration [s] does not reach, and why."""
         if self.end_time <= duration:
             return {}
         return {f"force = {self.force:g}": f"the ramp ends at {self.end_time:.4g} s, the run at {duration:g} s"}
@@ -230,12 +230,12 @@ class RampConfig(_ForceReference, Config, in_batches=True):
 
 @dataclass(kw_only=True)
 class SineConfig(Config, in_batches=True):
-    """Scenario part `!Sine`: `force` until `start_time`, from then on force + amplitude sin(2 pi frequency t)."""
+    """Scenario part `!Sine`: `force`, plus amplitude sin(2 pi frequency (t - start_time)) from `start_time` on."""
 
-    force: float = key(15.0, "mean, at least the amplitude", unit="N", bounds="not negative")
-    amplitude: float = key(5.0, "of the sine", unit="N", bounds="at least 0.001")
-    frequency: float = key(0.5, "of the sine", unit="Hz", bounds="at least 0.0001")
-    start_time: float = key(0.0, "of the sine", unit="s", bounds="not negative")
+    force: float = key(15.0, "mean of the desired force, at least the amplitude", unit="N", bounds="not negative")
+    amplitude: float = key(5.0, "amplitude of the sine", unit="N", bounds="at least 0.001")
+    frequency: float = key(0.5, "frequency of the sine", unit="Hz", bounds="at least 0.0001")
+    start_time: float = key(0.0, "start of the sine", unit="s", bounds="not negative")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -261,8 +261,8 @@ class SineConfig(Config, in_batches=True):
 class SequenceConfig(_ForceReference, Config, in_batches=True):
     """Scenario part `!Sequence`: steps to `forces[i]` at `times[i]`, zero before the first."""
 
-    times: list[float] = key([0.0, 5.0], "of the steps, strictly increasing", unit="s", bounds="not negative")
-    forces: list[float] = key([15.0, 25.0], "from each of the times on", unit="N", bounds="not negative")
+    times: list[float] = key([0.0, 5.0], "times of the steps, strictly increasing", unit="s", bounds="not negative")
+    forces: list[float] = key([15.0, 25.0], "desired force from each of the times on", unit="N", bounds="not negative")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -273,7 +273,7 @@ class SequenceConfig(_ForceReference, Config, in_batches=True):
 
     @property
     def number_of_steps(self) -> int:
-        """How many steps it makes, from zero on."""
+        """Number of steps, the first one from zero."""
         return sum(one != other for one, other in pairwise([0.0, *self.forces]))
 
     def trajectory(self) -> PiecewisePolynomial:
@@ -287,8 +287,8 @@ class SequenceConfig(_ForceReference, Config, in_batches=True):
 class FileConfig(_ForceReference, Config, in_batches=True):
     """Scenario part `!File`: a CSV file with the columns `time` [s] and `force` [N], joined by straight lines."""
 
-    path: str = key("", "of the CSV file: absolute, or relative to the scenario or the working directory")
-    hold: bool = key(False, "true: keep each value until the next time instead of joining them")
+    path: str = key("", "path of the CSV file: absolute, or relative to the scenario or the working directory")
+    hold: bool = key(False, "true: hold each force until the next time; false: straight lines between the forces")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -298,11 +298,11 @@ class FileConfig(_ForceReference, Config, in_batches=True):
                 check("force", f, "not negative")
 
     def first_time(self) -> float:
-        """From when on there are forces [s]."""
+        """Time of the first force [s]."""
         return read_signal(self.path, "force")[0][0]
 
     def last_time(self) -> float:
-        """Up to when there are forces [s]."""
+        """Time of the last force [s]."""
         return read_signal(self.path, "force")[0][-1]
 
     def trajectory(self) -> PiecewisePolynomial:

@@ -1,6 +1,6 @@
 """Motion along the surface by speeds over time: the velocity generator (Algorithm 3) on a straight line.
 
-wanted speed -> VelocityGenerator -> path coordinate s -> LinePosture -> dq_uc(s) of (2.12)
+target speed -> VelocityGenerator -> path coordinate s -> LinePosture -> dq_uc(s) of (2.12)
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from forcectl.motion.tangential import LineConfig, line_postures
 from forcectl.motion.velocity_generator import VelocityGenerator
 from forcectl.robot.model import RobotModel
 
-_KNOT = 1e-3  # distance of the points of the line that are solved [m]
-_LONGEST = 2.0  # path [m]
+_KNOT = 1e-3  # distance of the points of the line at which inverse kinematics is solved [m]
+_LONGEST = 2.0  # longest path [m]
 
 
 class LinePosture(PythonBlock):
@@ -35,7 +35,7 @@ class LinePosture(PythonBlock):
     ```
 
     path_position: shape (1,), s [m]. unconstrained_reference: shape (n_q,), from the start posture [rad]. Feedthrough.
-    Beyond the ends of the line the joints stay at them.
+    Beyond the ends of the line the joints stay in the end postures.
 
     Sampling: none; evaluated when read.
 
@@ -90,10 +90,12 @@ class SurfaceVelocity(PythonDiagram):
 
 @dataclass(kw_only=True)
 class SurfaceVelocityConfig(LineConfig):
-    """Scenario part `!VelocityAlongSurface`: speeds along the surface over time, reached as fast as is allowed."""
+    """Scenario part `!VelocityAlongSurface`: target speeds along the surface, reached at the acceleration limit."""
 
-    times: list[float] = key(meaning="from which each speed is wanted: from 0 on, increasing", unit="s")
-    velocities: list[float] = key(meaning="backwards where negative; the last one zero", unit="m/s")
+    times: list[float] = key(meaning="start time of each of the target speeds: the first one 0, increasing", unit="s")
+    velocities: list[float] = key(
+        meaning="target speeds along the line, one per time; negative: backwards; the last one zero", unit="m/s"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -116,7 +118,7 @@ class SurfaceVelocityConfig(LineConfig):
         return builder.AddNamedSystem("motion", SurfaceVelocity(wanted, generator, line))
 
     def _ends(self, period: float) -> tuple[float, float]:
-        """Lowest and highest path coordinate, with what ticks may add [m]."""
+        """Lowest and highest path coordinate, with a margin for the sampling [m]."""
         s, v, passed = 0.0, 0.0, [0.0]
         seen = [_tick(time, period) for time in self.times]
         for begin, end, target in zip(seen, [*seen[1:], math.inf], self.velocities, strict=True):
@@ -132,7 +134,7 @@ class SurfaceVelocityConfig(LineConfig):
                 passed.append(s)
         if not max(passed) - min(passed) < _LONGEST:
             raise invalid("velocities", self.velocities, f"those of a path of at most {_LONGEST:g} m")
-        # The last tick of each ramp has less than the acceleration.
+        # In the last tick of each ramp the acceleration is below the limit.
         late = 0.125 * self.acceleration * period**2 * len(seen)
         margin = period * max(abs(value) for value in self.velocities) + late
         return min(passed) - margin, max(passed) + margin
@@ -154,6 +156,6 @@ class SurfaceVelocityConfig(LineConfig):
 
 
 def _tick(time: float, period: float) -> float:
-    """The first tick that is not before a time [s]."""
+    """The first tick at or after a time [s]."""
     number = math.ceil(time / period - 0.5)  # the one before it, or itself
     return period * (number + (number * period < time))

@@ -1,8 +1,8 @@
 """Motion in the unconstrained directions: a straight line along the surface, as joint motion from the start posture.
 
-The tool keeps its orientation and its coordinate along n, or climbs with the slope of the surface as far as that is
-known; the speed is trapezoidal. The line is solved by inverse kinematics at knots in time, joined by a cubic spline:
-dq_uc(t) of (2.12).
+The tool keeps its orientation. Its coordinate along n is constant, or rises with the assumed slope of the surface. The
+speed profile is trapezoidal. Inverse kinematics is solved at knots in time, which a cubic spline joins: dq_uc(t) of
+(2.12).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from forcectl.framework.fields import Config, key
 from forcectl.motion.references import Reference
 from forcectl.robot.model import RobotModel
 
-_NEAREST = 1e-7  # [m] that a motion goes
-_STEEPEST = 0.3  # slope [-], as that of a surface
+_NEAREST = 1e-7  # [m] shortest distance of a motion
+_STEEPEST = 0.3  # largest slope [1], as for surfaces
 _KNOTS, _RAMP_KNOTS = 160, 40  # of the whole move, and further ones in each of its ramps
 
 
@@ -95,17 +95,22 @@ def line_postures(robot: RobotModel, start: Vector, offsets: Vector) -> Vector:
 class LineConfig(Config):
     """A straight line along the surface."""
 
-    direction: list[float] = key([1.0, 0.0, 0.0], "in W, perpendicular to the normal", bounds="not all zero", size=3)
-    acceleration: float = key(0.05, "at the start and the end", unit="m/s^2", bounds="positive")
+    direction: list[float] = key(
+        [1.0, 0.0, 0.0],
+        "direction of the line in W, perpendicular to the surface normal",
+        bounds="not all zero",
+        size=3,
+    )
+    acceleration: float = key(0.05, "acceleration and deceleration along the line", unit="m/s^2", bounds="positive")
     slope: float = key(
         0.0,
-        "rise of the path along n: that of the surface, as far as it is known",
+        "assumed slope of the surface: rise of the line along the normal per distance",
         unit="1",
         bounds=f"from {-_STEEPEST:g} to {_STEEPEST:g}",
     )
 
     def per_metre(self, n: Vector) -> Vector:
-        """What the tool moves per metre of path, in W (3,) [1].
+        """Displacement of the tool per metre of path, in W (3,) [1].
 
         Raises:
             BadInputError: a direction that is not along the surface.
@@ -120,9 +125,9 @@ class LineConfig(Config):
 class TangentialMotionConfig(LineConfig, in_batches=True):
     """Scenario part `!AlongSurface`: move along the surface while the force is controlled. Distance 0: stay."""
 
-    distance: float = key(0.0, "0: stay", unit="m", bounds="not negative")
-    speed: float = key(0.002, "largest speed", unit="m/s", bounds="above 0 and at most 10")
-    start_time: float = key(0.0, "of the motion", unit="s", bounds="not negative")
+    distance: float = key(0.0, "length of the path along the surface; 0: stay", unit="m", bounds="not negative")
+    speed: float = key(0.002, "largest speed along the surface", unit="m/s", bounds="above 0 and at most 10")
+    start_time: float = key(0.0, "start of the motion along the surface", unit="s", bounds="not negative")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -135,14 +140,14 @@ class TangentialMotionConfig(LineConfig, in_batches=True):
         return (self.start_time, self.start_time + duration) if duration else None
 
     def beyond(self, duration: float) -> dict[str, str]:
-        """What a run of this duration [s] comes to less than half of: keys with their values, and why."""
+        """Keys with values of which a run of this duration [s] reaches less than half, and why."""
         way = self.distance_after(duration)
         if way >= 0.5 * self.distance:
             return {}
         return {f"distance = {self.distance:g}": f"the tool goes {way:.3g} m in the run, of {duration:g} s"}
 
     def distance_after(self, time: float) -> float:
-        """How far along the path the tool is then [m].
+        """Distance of the tool along the path at a time [m].
 
         Args:
             time: from the start of the run on [s].

@@ -1,8 +1,8 @@
 """On-line trajectories with limited velocity, acceleration and jerk, planned by Ruckig from any state of motion.
 
-A trajectory state is a plan from a state of motion (its origin) to a target, and how far along it the motion is. It
-goes on until the target or a limit changes; then the motion of this tick is the origin of a new plan. `Planner` keeps
-the last plan only to save time: it follows from the numbers of a `TrajectoryState`.
+A trajectory state is a plan from a state of motion (its origin) to a target, and the time elapsed along it. The plan is
+used until the target or a limit changes; then the motion of this tick is the origin of a new plan. `Planner` keeps the
+last plan only to save time: it can be computed from the numbers of a `TrajectoryState`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from forcectl.framework.kernels import largest, smallest
 from forcectl.motion.group_planner import GroupPlan, GroupPlanner
 
 SLOWEST = 100.0  # longest time from rest to the velocity limit [s]
-_SAME = 1e-9  # motions that differ by less, relative to the size of the numbers, are one
+_SAME = 1e-9  # difference of two motions, relative to the size of the numbers, up to which they count as equal
 
 
 class Motion(NamedTuple):
@@ -35,7 +35,7 @@ class Motion(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What a trajectory keeps to in every component, each of shape (n,); see `limits_of`."""
+    """Limits of a trajectory in every component, each of shape (n,); see `limits_of`."""
 
     velocity: Array  # [u/s]
     acceleration: Array  # [u/s^2]
@@ -43,13 +43,13 @@ class Limits(NamedTuple):
 
 
 class Target(NamedTuple):
-    """Where to go, each of shape (n,).
+    """Target of a trajectory, each of shape (n,).
 
     Attributes:
         position: [u].
-        velocity: there [u/s].
-        velocity_mode: above 0.5 in components that take on the velocity, wherever they are; their position counts for
-            nothing [1].
+        velocity: at that position [u/s].
+        velocity_mode: above 0.5 in components that go to the velocity at any position; their target position is
+            ignored [1].
     """
 
     position: Array
@@ -89,7 +89,7 @@ class TrajectoryState(_Rows):
 
 
 def time_to_speed(velocity: Any, acceleration: Any, jerk: Any) -> Any:
-    """How long it takes from rest to the velocity limit; numbers, or arrays of one shape [s]."""
+    """Time from rest to the velocity limit; numbers, or arrays of one shape [s]."""
     ramp = np.minimum(acceleration / jerk, np.sqrt(velocity / jerk))
     return ramp + velocity / (ramp * jerk)
 
@@ -131,7 +131,7 @@ def begin(position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLik
     given = {"position": position, "velocity": velocity, "acceleration": acceleration}
     p, v, a = (batch_values(name, value, size) for name, value in given.items())
     none = np.zeros(size)
-    # Limits of zero are those of no plan.
+    # Limits of zero mark a state without a plan.
     return TrajectoryState(np.array([p, v, a, none, none, none, none, p, none, none, none, none, none, p, v, a]))
 
 
@@ -150,11 +150,11 @@ class Plan:
 
     @property
     def duration(self) -> float:
-        """When the last component is at its target, or at rest [s]."""
+        """Time at which the last component is at its target, or at rest [s]."""
         return max(float(trajectory.duration) for _, trajectory in self._trajectories)
 
     def at(self, time: float) -> Motion:
-        """The motion `time` [s] after the start; after the end, on with the velocity of the target."""
+        """The motion `time` [s] after the start; after the end it continues with the velocity of the target."""
         rows = np.empty((3, len(self.arrival)))
         self.put(rows, np.full(len(self.arrival), time))
         return Motion(*rows)
@@ -173,9 +173,10 @@ class Planner:
 
     Args:
         limits: from `limits_of`.
-        synchronized: the components of a group arrive together, and from rest on a straight line if their limits are
-            alike, and a group that stops wherever it is, all in velocity mode to no velocity, does so on a straight
-            line; False: each as early as it can. Others in velocity mode are always on their own.
+        synchronized: the components of a group arrive together; from rest they move on a straight line if their limits
+            are alike. A group that stops at any position (all in velocity mode, target velocity zero) also does so on a
+            straight line. Other components in velocity mode are never synchronised. False: each arrives as early as
+            it can.
         groups: how many components, one after the other, are planned together, and apart from those of the other
             groups; None: all of them.
 
@@ -198,14 +199,14 @@ class Planner:
         _planners.add(self)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Planner:
-        """Another one that has planned nothing."""
+        """A new planner without a plan."""
         return Planner(*self._given)
 
     def plan(self, start: Motion, target: Target) -> Plan:
         """The fastest trajectory; from outside the limits, it first returns to within them.
 
-        A component that cannot be planned brakes to rest within the limits; the others go on. From where not even that
-        takes less than two hours, all of the group stand still at once.
+        A component that cannot be planned brakes to rest within the limits; the others continue. Where even braking
+        would take more than two hours, the whole group stops at once.
 
         Args:
             start, target: finite. A target velocity beyond the limit is that limit.
@@ -224,9 +225,9 @@ class Planner:
         Args:
             state: from `begin` or a planner, which may have had other limits.
             target: of this tick. A component with a number that is not finite keeps its last target.
-            start: to go on from, in groups where it is finite and not the motion of the trajectory state but for
-                rounding; the target is kept. So a generator that is led by what became of its last command follows one
-                plan as long as that command is carried out.
+            start: motion to continue from, with the same target. It counts in groups where it is finite and differs
+                from the motion of the trajectory state by more than rounding. So a generator whose start is the motion
+                after its last command follows one plan as long as its commands are executed exactly.
         """
         now = state[:] if start is None else self._led(state[:], np.array(start))
         goal = np.array(target)
@@ -238,7 +239,7 @@ class Planner:
         return TrajectoryState(after)
 
     def _led(self, state: Array, start: Array) -> Array:
-        """The trajectory state at `start` in groups that are led there, without a plan."""
+        """The trajectory state, with the motion `start` and without a plan in groups where `start` counts."""
         now = state[_MOTION]
         if not largest(start != now):
             return state
@@ -253,7 +254,7 @@ class Planner:
         return np.where(led, there, state)
 
     def _planned(self, state: Array, target: Array) -> Array:
-        """The trajectory state with a plan to the target within the limits: its own, or one that starts here."""
+        """The trajectory state with a plan to the target within the limits: its own, or a new one from this motion."""
         target = _next_target(target, state[_TARGET])
         new = (target != state[_TARGET]).any(axis=0)
         again = new | (self._limits != state[_LIMITS]).any(axis=0) | (state[_BRAKING] > 0.0)
@@ -267,11 +268,11 @@ class Planner:
         return state
 
     def _whole(self, some: Any) -> Mask:
-        """The components of groups with one that is true."""
+        """All components of each group in which one is true."""
         return np.repeat(np.logical_or.reduceat(some, self._starts), self._sizes)
 
     def _solve(self, problem: Array) -> None:
-        """Plan, in groups whose problem is not that of the last plan."""
+        """Plan in groups whose problem differs from that of the last plan."""
         new = problem != self._problem
         if largest(new):
             self._plans = [
@@ -286,13 +287,13 @@ _planners: WeakSet[Planner] = WeakSet()
 
 @atexit.register
 def _let_go() -> None:
-    """Drop what is Ruckig's, which says at length what of it outlives Python: diagrams of a script's own do."""
+    """Drop Ruckig's objects at exit: its binding prints a long list of those still alive, as in a script's diagram."""
     for planner in list(_planners):
         planner._planners, planner._plans, planner._plan = [], [], None
 
 
 def _next_target(target: Array, last: Array) -> Array:
-    """The target that counts, rows as the fields of `Target`, (3, n)."""
+    """The target to plan for, finite and in standard form, rows as the fields of `Target`, (3, n)."""
     free = target[2] > 0.5
     if largest(free):
         target[0, free], target[2, free] = 0.0, 1.0

@@ -30,27 +30,27 @@ class TrajectoryGenerator(SampledBatch):
     Units u per component: [m] or [rad].
 
     target_position: shape (n,) [u]. target_velocity: velocity there, shape (n,) [u/s]; zero when not connected.
-    velocity_mode: shape (n,) [1]; none when not connected. A component above 0.5 takes on the target velocity,
-    wherever it is.
-    start_position, start_velocity, start_acceleration: shape (n,), the motion to go on from in this tick [u, u/s,
+    velocity_mode: shape (n,) [1]; zero when not connected. A component above 0.5 goes to the target velocity, at any
+    position.
+    start_position, start_velocity, start_acceleration: shape (n,), the motion to continue from in this tick [u, u/s,
     u/s^2]; that of the generator itself when one of them is not connected, or in a group in which a number of them
     is not finite.
-    position, velocity, acceleration: shape (n,), at the END of the tick, x_gen[k+1] [u, u/s, u/s^2]: what a controller
-    has to reach with the command of this tick.
+    position, velocity, acceleration: shape (n,), at the END of the tick, x_gen[k+1] [u, u/s, u/s^2]: what the robot
+    shall reach with the command of this tick.
     arrived: shape (n,), 1 when that is the target [1]. braking: shape (n,), 1 in a component that could not be planned
     and brakes to rest, else 0 [1].
     All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): velocity_limit [u/s], acceleration_limit [u/s^2], jerk_limit [u/s^3], positive and
-    finite; the velocity limit is within 100 s of rest. They may change while it moves.
+    finite; from rest to the velocity limit at most 100 s. They may change during the motion.
 
-    A component with a number that is not finite keeps its last target; a target velocity beyond the limit is the limit.
-    What becomes of targets that move, are passed or cannot be planned stands in docs/trajectories.md.
+    A component with a number that is not finite keeps its last target; target velocities are clipped to the limit.
+    docs/trajectories.md describes targets that move, are passed or cannot be planned.
 
     Sampling: every `period` [s]; no delay from the target to the motion, see `SampledBlock`.
 
     Args:
-        initial_position: where it stands at first without a start, shape (n,) [u].
+        initial_position: position at the first tick when no start is connected, shape (n,) [u].
         synchronized: see `Planner`.
         groups: how many components, one after the other, are planned together, and apart from those of the other
             groups; None: all of them. They add up to n.
@@ -93,11 +93,11 @@ class TrajectoryGenerator(SampledBatch):
         self.show("position", "velocity", "acceleration", "arrived", "braking", vector="trajectory")
 
     def check_together(self, values: Mapping[str, Array]) -> None:
-        """The velocity limit can be reached."""
+        """The velocity limit can be reached in 100 s."""
         check_limits_together(Limits(*values.values()))
 
     def derive(self, values: tuple[BatchValue, ...]) -> Any:
-        """What plans within the limits."""
+        """The planner with these limits."""
         return Planner(Limits(*values), *self._how)
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:

@@ -3,7 +3,7 @@
     x_gen''[k] = clip((x'_trg - x'[k])/Ts, -x''_max, x''_max)
     x_gen'[k+1] = x'[k] + Ts x_gen''[k],    x_gen[k+1] = x[k] + Ts x'[k] + Ts^2/2 x_gen''[k]
 
-The state x[k], x'[k] is the generator's own, or one that it is given.
+The state x[k], x'[k] is that of the generator, or an input.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def velocity_step(
 
     Args:
         position, velocity: x[k], x'[k] [u, u/s].
-        target_velocity: x'_trg, used within +-velocity_limit [u/s].
+        target_velocity: x'_trg, clipped to +-velocity_limit [u/s].
         acceleration_limit: x''_max [u/s^2].
         period: Ts [s].
 
@@ -43,7 +43,7 @@ def velocity_step(
     target = m.minimum(m.maximum(target_velocity, -velocity_limit), velocity_limit)
     needed = (target - velocity) / period
     acceleration = m.minimum(m.maximum(needed, -acceleration_limit), acceleration_limit)
-    # Exactly the target in the tick it is reached in, without the rounding of dividing and multiplying by Ts.
+    # In the tick that reaches the target the velocity is exactly the target, without rounding by Ts.
     after = m.where(acceleration == needed, target, velocity + period * acceleration)
     return position + period * velocity + 0.5 * period**2 * acceleration, after, acceleration
 
@@ -61,19 +61,19 @@ class VelocityGenerator(SampledBatch):
     Units u per component: [m] or [rad].
 
     target_velocity: shape (n,), x'_trg [u/s].
-    start_position, start_velocity: shape (n,), x[k], x'[k] to go on from [u, u/s]; those of the generator itself when
-    one of them is not connected, or in a component in which one is not finite.
+    start_position, start_velocity: shape (n,), x[k], x'[k] to continue from [u, u/s]; those of the generator itself
+    when one of them is not connected, or in a component in which one is not finite.
     position, velocity: shape (n,), at the END of the tick, x_gen[k+1], x_gen'[k+1] [u, u/s]. acceleration: shape (n,),
     during the tick [u/s^2]. All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): velocity_limit [u/s] and acceleration_limit [u/s^2], positive; infinite for none.
 
-    A target velocity that is not a number keeps the last one (zero at first); one beyond the limit is the limit.
+    Where the target velocity is not finite, the last one is kept (zero at first). It is clipped to the limit.
 
     Sampling: every `period` [s]; no delay from target_velocity to position, see `SampledBlock`.
 
     Args:
-        initial_position: where it stands at first, shape (n,) [u].
+        initial_position: position at the first tick, shape (n,) [u].
     """
 
     optional_inputs = _START
