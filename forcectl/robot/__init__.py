@@ -1,4 +1,4 @@
-"""Robots: the numbers of a folder, the rigid-body model, and what is computed from it."""
+"""Robots: the parameters of a robot folder, the rigid-body model, and quantities computed from it."""
 
 from forcectl.framework.lazy import lazy_names
 

@@ -1,7 +1,7 @@
-"""The commanded motion of a robot with several arms: what constraints, tasks and null-space criteria read at one tick.
+"""The commanded motion of a robot with several arms: input of constraints, tasks and null-space criteria at one tick.
 
-It is itself the motion of the first arm, so what is written for a robot with one arm works unchanged; a constraint of
-another arm is put into `OfArm`. Jacobians have a column for every joint of the robot, whichever arm they belong to.
+`ArmsMotion` is itself the motion of the first arm, so constraints for a robot with one arm work unchanged. A constraint
+of another arm is wrapped in `OfArm`. Jacobians have a column for every joint of the robot, for every arm.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from forcectl.robot.robot_motion import RobotMotion, pose_parts
 
 
 class _Beside(RobotMotion):
-    """A motion whose inertia and load are another's: they are computed once for all arms."""
+    """A motion that takes inertia and load from another one, so that they are computed once for all arms."""
 
     _lead: RobotMotion
 
@@ -47,7 +47,7 @@ class _OtherArm(_Beside):
 
 
 class ArmsMotion(_Beside):
-    """The motion of all arms at one tick, and itself that of the first one's TCP.
+    """The motion of all arms at one tick, and itself that of the first arm's TCP.
 
     Args:
         robot: with any number of arms.
@@ -55,12 +55,12 @@ class ArmsMotion(_Beside):
         q, v: of all joints, (n,) [rad, rad/s].
 
     Attributes:
-        known: results computed from this motion that may be used again in this tick, by their owner.
-        forces: measured ones by the constraint that reads them [N]; filled in by the controller.
+        known: results computed from this motion, by owner, for reuse within this tick.
+        forces: measured forces by the constraint that uses them [N]; filled in by the controller.
     """
 
     def __init__(self, robot: RobotModel, context: Context, q: Vector, v: Vector):
-        # Not this object itself: it holds the others, and they hold the first.
+        # A separate object, because the other arms refer to it: `self` would make a reference cycle.
         lead = self._lead = RobotMotion(robot, context, q, v)
         self.__dict__ |= lead.__dict__
         self.known: dict[object, Any] = {}

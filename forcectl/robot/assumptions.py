@@ -1,6 +1,6 @@
-"""What is assumed of a robot's drives where its control parameters leave it out.
+"""Values assumed for a robot's drives where its control parameters leave them out.
 
-A data sheet gives limits, seldom anything of motors and gears. From the largest torque tau and speed v of each joint::
+A data sheet gives limits, but seldom data of motors and gears. From the largest torque tau and speed v of each joint::
 
     acceleration limit     v / (0.15 s)
     joint stiffness        tau / (3 mrad): a joint twists by 3 mrad at its largest torque
@@ -12,10 +12,12 @@ A data sheet gives limits, seldom anything of motors and gears. From the largest
     velocity loops         tuned for 0.7 of rotor, links and tool in the default posture, as those of the COMAU; where
                            the rotor inertia is known, for the rotors
 
-A friction of 0 that all joints of a model have is a simulator's: a joint that nothing sticks in feels forces too well.
+A friction of 0 in all joints of a model counts as not known: without static friction, external forces would show in the
+joints too well.
 
 The two robots shipped with forcectl, an industrial arm of 160 kg and one of 38 kg with two arms, have each of these
-within a factor of 4. Friction decides how well forces are felt and how a force loop hunts: measure it if you can.
+within a factor of 4. Friction limits the estimation of forces and sets the limit cycles of a force loop: measure it if
+you can.
 """
 
 from __future__ import annotations
@@ -42,11 +44,11 @@ LOOP_SHARE = 0.7
 
 
 def assumed_loop_inertia(parameters: ControlParameters, moved: Array) -> Array:
-    """What velocity loops are tuned for where that is assumed, shape (n,) [kg m^2].
+    """Assumed inertia that the velocity loops are tuned for, shape (n,) [kg m^2].
 
     Args:
         parameters: completed.
-        moved: inertia of what each joint moves beside its rotor, shape (n,) [kg m^2].
+        moved: inertia that each joint moves beside its rotor, shape (n,) [kg m^2].
     """
     return LOOP_SHARE * (parameters.reflected_inertia + moved)
 
@@ -58,7 +60,7 @@ def completed(
     acceleration: Array,
     drives: Mapping[str, Array],
 ) -> ControlParameters:
-    """The parameters with everything that they leave out; `assumed` says of each key by which rule.
+    """The parameters with all omitted values filled in; `assumed` has the rule for each of these keys.
 
     Args:
         parameters: as they were read.
@@ -66,7 +68,7 @@ def completed(
         drives: gear_ratio, coulomb_friction and viscous_friction of the model, each (n,); ones and zeros for none.
 
     Raises:
-        BadInputError: a limit is not known that something is assumed from.
+        BadInputError: a limit is not known from which a value is to be assumed.
     """
     left_out = [name for name in DERIVED if not len(getattr(parameters, name))]
     for name, limit in (("velocity_limit", velocity), ("torque_limit", torque)):

@@ -1,4 +1,4 @@
-"""Robots that are none, once they are in a plant: drives, weight and joints that do not go together."""
+"""Plausibility checks of a robot in a plant: drives, weight, joints and tools that do not fit together."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ if TYPE_CHECKING:
     from forcectl.robot.parts import ArmParts
 
 _HEAVIEST_TOOL = 2000.0  # [kg]: the largest robots carry little more
-_SLOWED = 10.0  # times the largest torque, that friction at the largest speed may be: a slip, and no drive
-_LOOP_INERTIA = 0.01, 1e4  # of what a velocity loop is tuned for, to its rotor
-# [rad] that a joint gives way at its largest torque. Gears of robots: 1e-3 to 4e-2, springs on purpose: up to 0.5, a
-# shaft without a gear: 1e-4. Beyond are slips of a thousand: Nm/mrad or Nmm/rad, or Nm/arcmin, which is 1/3438.
+_SLOWED = 10.0  # largest viscous friction at the speed limit / torque limit: beyond it is an input error
+_LOOP_INERTIA = 0.01, 1e4  # accepted range of the inertia a velocity loop is tuned for / its rotor inertia
+# [rad] accepted range of the twist of a joint at its torque limit. Gears of robots have 1e-3 to 4e-2, intended springs
+# up to 0.5, a shaft without a gear 1e-4. Beyond are wrong units: Nm/mrad or Nmm/rad, or Nm/arcmin, a factor of 3438.
 _TWIST = 1e-5, 1.0
-# Weight of all that moves, at the end of the reach, that a joint could hold. Arms of 0.5 kg and of 3 t hold 1 to 5, and
-# with masses of 1 kg and torques of 1000 Nm, which stand for unknown ones in public models, 30.
+# Largest torque limit / torque of the weight of all that moves at the end of the reach. Arms of 0.5 kg and of 3 t have
+# 1 to 5, and public models with 1 kg and 1000 Nm as placeholders of unknown values have 30.
 _STRONGEST = 100.0
 _GRAVITY = 9.81  # [m/s2]
-# [rad/s2] of a motor at the largest torque of its joint, with its rotor alone: servos have 1e3 to 1e5, small ones 1e6.
-# Quicker are all of a robot by a slip of the unit; one may be by a torque that stands for an unknown one.
+# [rad/s2] accepted range of the acceleration of a rotor alone at the torque limit of its joint: servos have 1e3 to 1e5,
+# small ones 1e6. If all joints are above it, the unit is wrong; a single one may have a placeholder torque.
 _SLOWEST, _QUICKEST = 50.0, 5e6
-_SPENT = 1.0  # [s] damping over stiffness of a transmission, which has some ms
-_OF_REACH = 0.02, 5.0  # of the reach, that the characteristic length may be
-_BALL = 1.5, 1e-3  # radii, and [m] beside, from the centre of the ball of a tool to its TCP at most
-# Share of the mass that moves, from which on the moments of a link are looked at; share of the moment of the densest
-# body of its mass, below which they are a slip of a thousand. Lighter links of public models have guessed moments; in
-# 74 models every heavier link that moves has at least twice that moment, and most have ten times as much.
+_SPENT = 1.0  # [s] largest damping / stiffness of a transmission; usual are some ms
+_OF_REACH = 0.02, 5.0  # accepted range of the characteristic length / reach
+_BALL = 1.5, 1e-3  # largest distance from the centre of a tool's ball to its TCP: so many radii plus so many [m]
+# Moments of inertia are checked in links with at least this share of the mass that moves. They must be at least this
+# share of the moment of the densest body of that mass: below, the unit is wrong by a thousand. Lighter links of public
+# models have guessed moments; in 74 models every heavier link that moves has at least twice that, and most ten times.
 _SHARE, _DENSE = 0.1, 0.3
 
 
 @contextmanager
 def about_file(kind: Any, path: Path) -> Iterator[None]:
-    """Errors about keys of these parameters that are raised within say that they are from this file, and the line."""
+    """Add the file and the line to errors about keys of these parameters that are raised within."""
     try:
         yield
     except BadInputError as error:
@@ -61,13 +61,13 @@ def about_file(kind: Any, path: Path) -> Iterator[None]:
 def sort_doubts(
     plant: MultibodyPlant, instance: ModelInstanceIndex, model: ModelFile, parameters: ControlParameters
 ) -> tuple[list[str], list[str]]:
-    """What is wrong with a robot in a plant, once its joints are held, and what is let be.
+    """Messages about wrong numbers of a robot's model that have an effect in the plant, and about those that have none.
 
     Args:
-        plant: with the robot.
+        plant: with the robot, its held joints already welded.
         instance: the robot.
         model: of the robot.
-        parameters: of the robot; their limits take the place of the model's.
+        parameters: of the robot; their limits replace those of the model.
     """
     rigid = {body.index() for body in plant.GetBodiesWeldedTo(plant.world_body())}
     wrong, passed = list[str](), list[str]()
@@ -117,7 +117,7 @@ def check_moved_mass(plant: MultibodyPlant, joint: Joint, file: str) -> None:
 
 
 def check_tool_mass(plant: MultibodyPlant, tool: ModelInstanceIndex) -> None:
-    """BadInputError for a tool that no robot carries."""
+    """BadInputError for a tool that is too heavy for any robot."""
     mass = sum(plant.get_body(i).default_mass() for i in plant.GetBodyIndices(tool))
     if mass > _HEAVIEST_TOOL:
         name = plant.GetModelInstanceName(tool)
@@ -127,16 +127,16 @@ def check_tool_mass(plant: MultibodyPlant, tool: ModelInstanceIndex) -> None:
 def check_weight(
     plant: MultibodyPlant, robot: ModelInstanceIndex, parameters: ControlParameters, actuators: Sequence[JointActuator]
 ) -> None:
-    """Refuse robots that weigh nothing beside what their joints can hold, and heavy links without an extent.
+    """Refuse robots far too light for their torque limits, and heavy links with far too small moments of inertia.
 
     Args:
         plant: with the robot.
         robot: without its tools.
-        parameters: with everything that they leave out.
+        parameters: completed with assumed values.
         actuators: of the joints, with their limits.
 
     Raises:
-        BadInputError: it is one.
+        BadInputError: it is such a robot.
     """
     rigid = {body.index() for body in plant.GetBodiesWeldedTo(plant.world_body())}
     moving = [plant.get_body(i) for i in plant.GetBodyIndices(robot) if i not in rigid]
@@ -159,18 +159,18 @@ def check_weight(
 
 
 def principal_moments(body: RigidBody) -> Array:
-    """Of the inertia of a body that has mass, about its centre of mass, shape (3,) [kg m2]."""
+    """Principal moments of inertia of a body with mass, about its centre of mass, shape (3,) [kg m2]."""
     inertia = body.default_spatial_inertia()
     moments = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CalcPrincipalMomentsOfInertia()
     return np.asarray(moments)
 
 
 def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuator]) -> None:
-    """Refuse drives that cannot overcome their own friction, loops tuned for something else, and joints of no gear's
-    stiffness.
+    """Refuse drives that cannot overcome their friction, velocity loops tuned for an implausible inertia, and
+    implausible joint stiffness.
 
     Args:
-        parameters: with everything that they leave out.
+        parameters: completed with assumed values.
         actuators: of the joints, with their limits.
 
     Raises:
@@ -197,12 +197,12 @@ def check_drives(parameters: ControlParameters, actuators: Sequence[JointActuato
 
 
 def beyond_coulomb(coulomb: np.ndarray, torque: np.ndarray) -> str:
-    """What is allowed where friction with its offset [Nm] leaves a drive with these torques [Nm] no motion; else ""."""
+    """The allowed range in words, if Coulomb friction with its offset [Nm] reaches a torque limit [Nm]; else ""."""
     return f"with friction_offset below the torque limits {torque.tolist()}" if (coulomb >= torque).any() else ""
 
 
 def beyond_viscous(viscous: np.ndarray, torque: np.ndarray, speed: np.ndarray) -> str:
-    """What is allowed where friction [Nms/rad] slows drives down far beyond torque [Nm] and speed [rad/s]; else ""."""
+    """The allowed range in words, if friction [Nms/rad] far exceeds torque [Nm] / speed [rad/s] limits; else ""."""
     most, known = np.full(len(speed), np.inf), np.isfinite(speed) & np.isfinite(torque)
     most[known] = _SLOWED * torque[known] / speed[known]
     allowed = f"at most {_SLOWED:g} times torque limits over velocity limits, {most.round(1).tolist()}"
@@ -210,7 +210,7 @@ def beyond_viscous(viscous: np.ndarray, torque: np.ndarray, speed: np.ndarray) -
 
 
 def _check_rotors(parameters: ControlParameters, torque: np.ndarray, turns: np.ndarray) -> None:
-    """Refuse rotors that their motors hardly turn, or turn too well, and damping that hides its stiffness."""
+    """Refuse rotors far too heavy or too light for their motors, and damping far too large for the stiffness."""
     motor, rotors = torque / np.abs(parameters.gear_ratio), parameters.rotor_inertia
     known = turns & np.isfinite(motor) & (rotors > 0)
     too_quick = known.any() and (rotors < motor / _QUICKEST)[known].all()
@@ -242,7 +242,7 @@ def _turns(actuator: JointActuator) -> bool:
 
 
 def check_lists(parameters: ControlParameters) -> None:
-    """BadInputError for links that stand twice in a list, and pairs that do."""
+    """BadInputError for links, or pairs of links, that are twice in a list."""
     check_distinct("tool_neighbours", parameters.tool_neighbours)
     check_distinct("ignored_collisions", [sorted(pair) for pair in parameters.ignored_collisions])
     for name, arm in parameters.arms.items():
@@ -250,11 +250,11 @@ def check_lists(parameters: ControlParameters) -> None:
 
 
 def check_length(parameters: ControlParameters, reach: float) -> None:
-    """BadInputError for a characteristic length that is not of the size of the robot.
+    """BadInputError for a characteristic length far from half the reach of the robot.
 
     Args:
         parameters: of the robot.
-        reach: of an arm, about [m].
+        reach: approximate reach of an arm [m].
     """
     least, most = (share * reach for share in _OF_REACH)
     if not least <= parameters.characteristic_length <= most:
@@ -263,13 +263,13 @@ def check_length(parameters: ControlParameters, reach: float) -> None:
 
 
 def check_arms(robot: RobotModel) -> None:
-    """Refuse arms of another size than their characteristic length, and tools that are none.
+    """Refuse arms whose size does not fit the characteristic length, and implausible tools.
 
     Args:
         robot: in the default posture.
 
     Raises:
-        BadInputError: there are such.
+        BadInputError: there are such arms or tools.
     """
     context = robot.create_context()
     lengths = []
@@ -289,7 +289,7 @@ def check_arms(robot: RobotModel) -> None:
 
 
 def _check_neighbours(robot: RobotModel, arm: ArmParts) -> None:
-    """Links that are never checked against the tool of an arm are not those of another arm."""
+    """Refuse links of another arm among those that are never checked against the tool of this arm."""
     plant, joints = robot.plant, robot.parts.joints
     moved, others = (
         set(plant.GetBodiesKinematicallyAffectedBy([joint.index() for joint in each])) if each else set()
@@ -303,7 +303,7 @@ def _check_neighbours(robot: RobotModel, arm: ArmParts) -> None:
 
 
 def _held_without(plant: MultibodyPlant, weld: Joint, arm: ArmParts) -> set[BodyIndex]:
-    """Bodies that hold together with the flange also where a weld is cut."""
+    """Bodies that stay connected to the flange when a weld is removed."""
     joints = [plant.get_joint(i) for i in plant.GetJointIndices() if i != weld.index()]
     pairs = [{joint.parent_body().index(), joint.child_body().index()} for joint in joints]
     held = {arm.flange_frame.body().index()}
@@ -313,7 +313,7 @@ def _held_without(plant: MultibodyPlant, weld: Joint, arm: ArmParts) -> set[Body
 
 
 def _check_tool(robot: RobotModel, arm: ArmParts, context: Any) -> None:
-    """A tool is on the flange, no longer than the arm can be, and light enough to be held."""
+    """Refuse a tool that is not at the flange, is longer than the arm, or too heavy for the joints to hold."""
     tool: Any = arm.tool
     plant, longest = robot.plant, 2 * robot.parameters.characteristic_length
     bodies = [plant.get_body(i) for i in plant.GetBodyIndices(arm.tool_instance)]

@@ -10,8 +10,8 @@ points of many pairs of links that is most of a control tick. Here the links are
 
 and the spatial velocity of a point p of link i is [w; l + w x p] (Featherstone, Rigid Body Dynamics Algorithms, 2.10).
 
-What is not asked for is not computed, and nothing returned is overwritten later. Links and joints of a YuMi take 15 us,
-with speeds and bias accelerations 20 (Python 3.11).
+Velocities and accelerations are computed only when read, and no returned array is overwritten later. Links and joints
+of a YuMi take 15 us, with speeds and bias accelerations 20 us (Python 3.11).
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ _SUM_6 = np.block([[_DIFFERENCE, np.zeros((6, 3))], [np.zeros((12, 3)), np.conca
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Row by row, (k, 3)."""
+    """Cross products row by row, (k, 3)."""
     terms = a.take(_LEFT, 1) * b.take(_RIGHT, 1)
     return terms[:, :3] - terms[:, 3:]
 
 
 class JointTree:
-    """The joints of a robot and what each of them moves; constants only.
+    """The joints of a robot and the links that each of them moves; constants only.
 
     A link is everything that moves as one body: link 0 is the world, link 1 + i is moved by joint i and by those before
     it. Vectors over joints have shape (n,), in the order of `joints`; other joints of the plant stay at their defaults.

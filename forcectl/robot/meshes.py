@@ -21,8 +21,8 @@ from scipy.spatial import ConvexHull, QhullError
 
 from forcectl.arrays import Array
 
-_THINNEST = 1e-3  # [m], of a box: contact needs a volume
-_LONGEST = 30.0  # [m] of a mesh: more is one in millimetres
+_THINNEST = 1e-3  # [m] smallest edge of a box: contact needs a volume
+_LONGEST = 30.0  # [m] largest size of a mesh: a larger one is in millimetres
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def _collada_points(data: bytes) -> Array:
         element.tag = element.tag.rpartition("}")[2]
     unit = root.find("asset/unit")
     scale = float(unit.get("meter", "1")) if unit is not None else 1.0
-    # Only the axis that is up changes points; viewers of robot models leave it as it stands in the file.
+    # Points are not rotated for the up axis of the file, as in viewers of robot models.
     by_name = {f"#{each.get('id')}": _geometry_points(each) for each in root.iter("geometry")}
     placed: list[Array] = []
 
@@ -129,12 +129,12 @@ _STEPS: dict[str, Callable[[Array], Array]] = {
 
 
 def enclosure(points: Array) -> Enclosure:
-    """The smallest of boxes and capsules along the axes of the frame, or of the points themselves, that contain them.
+    """The smallest box or capsule that contains points, along the axes of their frame or their principal axes.
 
     Args:
         points: (k, 3) [m], at least one.
     """
-    with suppress(QhullError, ValueError):  # flat, or too few: all of them
+    with suppress(QhullError, ValueError):  # flat, or too few points: keep all
         points = points[ConvexHull(points).vertices]
     _, own = np.linalg.eigh(np.cov(points.T) if len(points) > 1 else np.eye(3))
     own[:, 0] *= np.sign(np.linalg.det(own)) or 1.0
@@ -150,7 +150,7 @@ def enclosure(points: Array) -> Enclosure:
 
 
 def _capsule(R: Array, points: Array, middle: Array) -> tuple[float, Enclosure]:
-    """Volume [m^3] of the capsule around points along the z they are given in, whose axes are the columns of R."""
+    """Volume [m^3] and capsule around points, along z; the points are in axes that are the columns of R."""
     beside = np.hypot(points[:, 0], points[:, 1])
     radius = max(float(beside.max()), 0.5 * _THINNEST)
     reach = np.sqrt(np.maximum(radius**2 - beside**2, 0.0))

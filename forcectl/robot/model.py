@@ -1,9 +1,9 @@
-"""The quantities control needs of a robot and its tool: kinematics, torques, inertias, stiffness.
+"""Quantities of a robot and its tool for control: kinematics, torques, inertias, stiffness.
 
-A robot is a folder; nothing in the code names one. `add_robot` puts the same models into a simulated plant.
+A robot is a folder; no code is for one robot only. `add_robot` puts the same models into a simulated plant.
 
-The link-side plant holds no rotors: with elastic joints the rotor inertia, geared up, turns on the motor side. Its
-matrix is B = T' diag(J_m) T with the map T from joint to motor speeds, gear ratios and motor couplings included.
+The plant holds the links without rotors: with elastic joints the rotors are on the motor side of the springs. The
+matrix of their inertia is B = T' diag(J_m) T, with the map T from joint to motor speeds by gears and motor couplings.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def unit_normal(n: ArrayLike, name: str = "normal") -> Array:
 
 
 class _Forces(threading.local):
-    """A place to work in for what computes forces of a plant, overwritten at every use; each thread has its own."""
+    """Scratch memory for forces of a plant, overwritten at every use; each thread has its own."""
 
     def __init__(self, plant: MultibodyPlant):
         self.forces = MultibodyForces(plant)
@@ -88,7 +88,7 @@ class PlantJoints:
         self._world, self._scratch = plant.world_frame(), _Forces(plant)
         self._q = np.array([joint.position_start() for joint in joints])
         self._v = np.array([joint.velocity_start() for joint in joints])
-        # Nothing else in the plant, in order: the usual case, and no need to pick the joints out of the plant's.
+        # Usually the joints are all of the plant's, in its order; then none need to be selected.
         in_order = np.arange(plant.num_positions())
         self._all = np.array_equal(self._q, in_order) and np.array_equal(self._v, in_order)
 
@@ -125,7 +125,7 @@ class PlantJoints:
         return J if self._all else J[:, self._v]
 
     def mass_matrix(self, context: Context) -> Array:
-        """Mass matrix of what the plant holds, that is without rotors, shape (n, n) [kg m2]."""
+        """Mass matrix of the plant, that is without rotors, shape (n, n) [kg m2]."""
         M: Array = self.plant.CalcMassMatrix(context)
         return M if self._all else M[np.ix_(self._v, self._v)]
 
@@ -143,24 +143,24 @@ class PlantJoints:
 class RobotModel(PlantJoints):
     """Control-side quantities of a robot with its tool: kinematics, torques, inertias, stiffness.
 
-    Of a robot with several arms the vectors cover the joints of all, and what is said of the TCP is said of the first
-    arm's; `parts.arms` has the frames and joints of each, and the functions that end in `_of` take any frame.
+    For a robot with several arms, the vectors cover the joints of all arms, and "TCP" is the TCP of the first arm;
+    `parts.arms` has the frames and joints of each, and the functions that end in `_of` take any frame.
 
     A block keeps a context in a cache entry, see `create_context`. Joints are in the order of the control parameters;
     others of the model (a gripper's, say) stay at their defaults. Spatial vectors are [rotation; translation], in W.
 
     Attributes:
-        parameters: what its YAML file says; that of a tool is `arm.tool`.
+        parameters: those of its YAML file; those of a tool are in `arm.tool`.
         plant: robot and tool, fixed to the world, continuous, without geometry, finalized.
         parts: joints, actuators and frames in `plant`.
         arm: the first one, or that of `for_arm`.
         tcp_frame: its tool centre point T.
         limits: joint limits.
         joint_stiffness: of the set in use [Nm/rad].
-        link_compliance: that goes with it, by frame, see the parameters.
+        link_compliance: that is added to this set, by frame, see the parameters.
         motor_from_joint: T, motor speeds per joint speeds, shape (n, n) [1].
         motor_inertia: T' diag(J_m) T, shape (n, n), joint side [kg m2].
-        source: what `load` was given as robot and tool.
+        source: the arguments `robot` and `tool` of `load`.
     """
 
     source: tuple[str | Path, Tool | Mapping[str, Tool]] = ("", None)
@@ -177,7 +177,7 @@ class RobotModel(PlantJoints):
         self.motor_from_joint = parameters.gear_ratio[:, None] * parameters.coupling()
         self.motor_inertia = self.motor_from_joint.T @ np.diag(parameters.rotor_inertia) @ self.motor_from_joint
         self.link_compliance = parameters.bending(stiffness_set)
-        # Frames of sets that are not chosen must be there, too.
+        # The frames must also exist if the chosen set does not use them.
         frames = {
             name: frame_named(plant, name, parts.instance, "link_compliance") for name in parameters.link_compliance
         }
@@ -226,7 +226,7 @@ class RobotModel(PlantJoints):
         return other
 
     def with_inertia_error(self, scale: float, payload: float) -> RobotModel:
-        """The same robot as a model with other masses: what contexts of it hold.
+        """The same robot with a model error: its contexts have other masses.
 
         Args:
             scale: factor on mass and inertia of every body of robot and tools [1].
@@ -300,10 +300,10 @@ class RobotModel(PlantJoints):
         return self.link_torque(context, vdot) + self.motor_inertia.dot(vdot)
 
     def check_torque(self, key: str, value: object, torque: Array, factor: float = 1.0) -> None:
-        """Refuse what asks a joint for more than its motor gives; joints whose limits are not known give any torque.
+        """Refuse a value that needs more torque than a joint has; a joint without a known limit has any torque.
 
         Args:
-            key: of what asks for it.
+            key: that needs the torque.
             value: of that key.
             torque: that is needed in the start posture (n,) [Nm].
             factor: on the limits [1].
@@ -322,7 +322,7 @@ class RobotModel(PlantJoints):
         """Distance from a singular posture [1]: smallest singular value of the TCP Jacobian.
 
         Translations are divided by the parameters' `characteristic_length`. With fewer than six joints it shows whether
-        the joints move the TCP independently. Of several arms it is the least.
+        the joints move the TCP independently. With several arms it is the smallest of all.
         """
         smallest = []
         for arm in self.parts.arms.values():
@@ -334,7 +334,7 @@ class RobotModel(PlantJoints):
 
 def posture_cache(block: LeafSystem, robot: RobotModel, position: InputPort) -> BlockCache:
     """A cache entry of `block` with a context of `robot.plant` in the posture of the port, shape (n,) [rad]."""
-    index = position.get_index()  # the port itself would keep the block
+    index = position.get_index()  # a reference to the port would keep the block alive
 
     def calc(block: LeafSystem, context: Context, value: AbstractValue) -> None:
         if value.get_value() == ():  # made at the first use, see `scratch`
@@ -348,9 +348,9 @@ _STILL = 1e-4  # [rad]
 
 
 def has_moved(q: Array, since: Array) -> bool:
-    """Whether a posture is another one for what depends on the posture only: by more than 1e-4 rad in all.
+    """Whether a posture differs from another by more than 1e-4 rad (norm), for quantities of the posture alone.
 
-    What the tangent of a motion leaves out below that is 1e-8 of an arm's length.
+    For smaller steps a linear approximation of the motion has an error below 1e-8 of an arm's length.
     """
     step = q - since
     return bool(step @ step > _STILL**2)

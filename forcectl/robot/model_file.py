@@ -33,9 +33,9 @@ class ModelFile:
         path: of the file.
         name: of the model.
         bodies: names of its bodies.
-        urdf: what was read of a URDF file; empty for others.
-        doubts: what joints and links that move must not be.
-        remarks: Drake's, one for each kind.
+        urdf: content of a URDF file; empty for others.
+        doubts: errors that matter only where their joint or link moves.
+        remarks: warnings of Drake, each once.
     """
 
     path: Path
@@ -51,7 +51,7 @@ class ModelFile:
 
         Args:
             path: of the file.
-            everything: all in it counts; otherwise the caller looks at `doubts`.
+            everything: whether doubts are errors, too; otherwise the caller handles `doubts`.
 
         Raises:
             BadInputError: it cannot be used.
@@ -69,9 +69,9 @@ class ModelFile:
 
 @lru_cache(maxsize=64)
 def _only_model(path: Path, urdf: Urdf) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-    """Name and bodies of the model of a file, and Drake's remarks.
+    """Name and bodies of the model of a file, and Drake's warnings.
 
-    A URDF file that has not changed is read as the same `Urdf`, and not parsed again.
+    An unchanged URDF file has the same `Urdf` object, so it is not parsed again.
     """
     plant = MultibodyPlant(time_step=0.0)
     instances, remarks = add_models(plant, path, urdf)
@@ -82,7 +82,7 @@ def _only_model(path: Path, urdf: Urdf) -> tuple[str, tuple[str, ...], tuple[str
 
 
 def add_models(plant: MultibodyPlant, path: Path, urdf: Urdf) -> tuple[list[ModelInstanceIndex], tuple[str, ...]]:
-    """Parse a model file by itself; returns its models and Drake's remarks.
+    """Parse a model file by itself; returns its models and Drake's warnings.
 
     Raises:
         BadInputError: it cannot be read.
@@ -105,7 +105,7 @@ def all_bodies(name: str, model: ModelFile) -> Bodies:
 
 
 def some_bodies(model: ModelFile, links: Iterable[str], key: str) -> Bodies:
-    """Some bodies of a model, which stand in the list at this key.
+    """Some bodies of a model, listed at this key.
 
     Raises:
         BadInputError: there is no such body.
@@ -119,9 +119,9 @@ def some_bodies(model: ModelFile, links: Iterable[str], key: str) -> Bodies:
 def parse_models(
     plant: MultibodyPlant, models: dict[str, ModelFile], filters: list[tuple[Bodies, Bodies]]
 ) -> dict[str, ModelInstanceIndex]:
-    """Add models under the names given; `filters` are bodies that are never checked against others.
+    """Add models under the names given; `filters` are pairs of groups of bodies never checked against each other.
 
-    All in one go: Drake refuses a collision filter between models that were not parsed together.
+    All are parsed at once: Drake refuses a collision filter between models that were not parsed together.
     """
     parser = Parser(plant)
     add_packages(parser.package_map())
@@ -143,7 +143,7 @@ def parse_models(
         files = " or ".join(dict.fromkeys(model.path.name for model in models.values()))
         with _readable(files) as remarks:
             parser.AddModelsFromString(json.dumps({"directives": directives}), "dmd.yaml")
-    # The parser of SDF only warns, and goes on with other numbers. What is included is seen here alone.
+    # Drake's SDF parser only warns, and continues with other numbers. Included files are checked only here.
     if wrong := next((text for text in remarks if re.search("invalid inertia|'mass > 0' failed", text)), None):
         allowed = "must have masses above zero, and moments of inertia that a body has"
         raise BadInputError(f"{files}: cannot be used: {wrong}: {allowed}")
@@ -152,9 +152,9 @@ def parse_models(
 
 @contextmanager
 def _readable(files: str) -> Iterator[list[str]]:
-    """Whatever Drake finds wrong in these files as one line; its remarks are gathered instead of printed.
+    """Raise Drake's errors about these files as BadInputError in one line, and collect its warnings without printing.
 
-    Failed preconditions of Drake arrive as SystemExit.
+    Failed preconditions of Drake are raised as SystemExit.
     """
     logger, remarks = logging.getLogger("drake"), list[str]()
 
@@ -172,5 +172,5 @@ def _readable(files: str) -> Iterator[list[str]]:
 
 
 def _plain(text: str) -> str:
-    """One line, without places in Drake's own sources."""
+    """One line, without locations in Drake's own sources."""
     return re.sub(r"^(\S*: )?warning: |Failure at \S+ in ", "", " ".join(text.split()))

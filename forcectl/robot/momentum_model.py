@@ -1,10 +1,10 @@
-"""What the momentum observer needs of a robot: momentum, C'q', gravity, and the Jacobian of a frame.
+"""Terms of a robot for the momentum observer: momentum, C'q', gravity, and the Jacobian of a frame.
 
     C'q' = B' q' - C q',    B' q' = (B(q + h q') - B(q - h q')) q'/(2 h)
 
-with the Christoffel C of p' = C'q' + ...: it is also the gradient of the kinetic energy. Rigid-body libraries give
-C q', which is another vector. The central difference costs two mass matrices, which give B q' as well: C'q' is good to
-2e-9 of its size, B q' to 5e-10.
+with the Christoffel C of p' = C'q' + ...: C'q' is also the gradient of the kinetic energy. Rigid-body libraries give
+C q', which is another vector. The central difference needs two mass matrices, which also give B q'. The relative error
+is 2e-9 for C'q' and 5e-10 for B q'.
 """
 
 from __future__ import annotations
@@ -73,13 +73,13 @@ class MomentumModel(PlantJoints):
         Returns:
             momentum (n,) [kg m2/s], and C'q' + tau_g (n,) [Nm].
         """
-        # A difference of one length at any speed: a step in time would drown slow motion in rounding.
+        # The joint step has the same size at any speed: with a time step, rounding would dominate at low speeds.
         span = largest(np.abs(v))
         if span > 0:
             h = _DIFFERENCE / span
             step = h * v
             ahead, back = self._mass_times(context, q + step, v), self._mass_times(context, q - step, v)
-            # The mean is B(q) v but for the square of that difference.
+            # The mean is B(q) v up to an error of second order in the step.
             momentum, rate = 0.5 * (ahead + back), (0.5 / h) * (ahead - back)
         else:
             momentum = rate = np.zeros(self.num_joints)
@@ -100,7 +100,7 @@ class MomentumModel(PlantJoints):
         Rotations above translations, Drake's order.
 
         Args:
-            context: is left in the posture q, shape (n,) [rad].
+            context: set to the posture q, shape (n,) [rad].
             expressed_in: frame the components are in.
         """
         self.set_positions(context, q)

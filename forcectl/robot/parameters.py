@@ -1,7 +1,7 @@
 """The YAML files beside a robot's and a tool's model: what control needs and URDF/SDF cannot say.
 
 Position limits are in the URDF/SDF only, limits of velocity, acceleration and torque too where it has them
-(`RobotModel.limits`). What only elastic joints and drives need may be left out: see `forcectl.robot.assumptions`. Treat
+(`RobotModel.limits`). Parameters of elastic joints and drives may be left out: see `forcectl.robot.assumptions`. Treat
 parameters as constants; their arrays are read-only.
 """
 
@@ -31,16 +31,16 @@ def _empty() -> np.ndarray:
     return np.zeros(0)
 
 
-_TURN = "roll, pitch, yaw of the tool's mount in the flange frame, where its z is not out of the flange"
-_NEAR = "links so near the flange that a tool on it touches their shapes in the ordinary: never checked against it"
+_TURN = "roll, pitch, yaw of the tool's mount in the flange frame, for a frame whose z is not out of the flange"
+_NEAR = "links near the flange whose collision shapes normally touch the tool: never checked against it"
 
 
 @dataclass(kw_only=True)
 class ReferenceFilter(Config):
     """Position loop of every joint, h(s) = w^2 / (s^2 + 2 z w s + w^2) (2.3)."""
 
-    natural_frequency: float = key(meaning="w", unit="rad/s", bounds="from 1 to 1e4")
-    damping_ratio: float = key(meaning="z", unit="1", bounds="from 0.01 to 10")
+    natural_frequency: float = key(meaning="natural frequency w of every joint", unit="rad/s", bounds="from 1 to 1e4")
+    damping_ratio: float = key(meaning="damping ratio z of every joint", unit="1", bounds="from 0.01 to 10")
 
 
 @dataclass(kw_only=True)
@@ -50,9 +50,9 @@ class MotorCoupling(Config):
     motor speed = gear ratio * (own joint speed + factor * other joint speed)
     """
 
-    motor_of: str = key(meaning="joint whose motor it is")
-    driven_by: str = key(meaning="the other joint")
-    factor: float = key(meaning="see above", unit="1", bounds="from -10 to 10")
+    motor_of: str = key(meaning="joint that the motor drives, its own joint")
+    driven_by: str = key(meaning="other joint with which the motor also turns")
+    factor: float = key(meaning="weight of the other joint's speed; own: 1", unit="1", bounds="from -10 to 10")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -64,9 +64,9 @@ class MotorCoupling(Config):
 class ArmParameters(Config):
     """One arm of a robot that has several."""
 
-    flange_frame: str = key(meaning="carries the tool; z out of the flange")
+    flange_frame: str = key(meaning="frame of the flange, which carries the tool; z out of the flange")
     flange_turn_deg: list[float] = key([0.0, 0.0, 0.0], _TURN, unit="deg", bounds="from -360 to 360", size=3)
-    joints: list[str] = key(meaning="consecutive in `arm_joints`")
+    joints: list[str] = key(meaning="joints of the arm, consecutive in `arm_joints`")
     tool_neighbours: list[str] = key([], _NEAR)
 
 
@@ -79,69 +79,76 @@ class ControlParameters(Config):
     """
 
     model: str = key(meaning="URDF or SDF file in the same folder")
-    base_frame: str = key("", "welded to the world; empty: the root of the model, which may be a `world` of its own")
-    arm_joints: list[str] = key(meaning="of all arms, one arm after the other")
-    flange_frame: str = key("", "of a robot with one arm: carries the tool, z out of it")
+    base_frame: str = key("", "frame welded to the world; empty: root of the model, which may be a `world` of its own")
+    arm_joints: list[str] = key(meaning="names of the joints of all arms, one arm after the other")
+    flange_frame: str = key("", "frame of the flange of a robot with one arm: carries the tool, z out of it")
     flange_turn_deg: list[float] = key(
         [0.0, 0.0, 0.0], f"of a robot with one arm: {_TURN}", unit="deg", bounds="from -360 to 360", size=3
     )
     tool_neighbours: list[str] = key([], f"of a robot with one arm: {_NEAR}")
-    arms: dict[str, ArmParameters] = key({}, "of a robot with several")
+    arms: dict[str, ArmParameters] = key({}, "arms by name, of a robot with several")
     ignored_collisions: list[list[str]] = key(
-        [], "pairs of links whose shapes overlap in the ordinary: never checked against each other"
+        [], "pairs of links whose collision shapes normally overlap: never checked against each other"
     )
     held_joints: dict[str, float] = key(
-        {}, "joints of the model that nothing drives here (a gripper's): made rigid at this position", unit="rad, m"
+        {}, "joints of the model without a drive here, such as a gripper's: fixed at this position", unit="rad, m"
     )
-    default_posture_deg: np.ndarray = key(meaning="of the joints", unit="deg")
+    default_posture_deg: np.ndarray = key(meaning="joint positions of the default posture", unit="deg")
     characteristic_length: float = key(
-        meaning="makes translations and rotations comparable in the singularity measure",
-        unit="m",
-        bounds="from 1e-3 to 100",
+        meaning="divisor of lengths in the singularity measure: half the reach", unit="m", bounds="from 1e-3 to 100"
     )
     velocity_limit: np.ndarray = key(
-        _empty, "of the joints; empty: the model's", unit="rad/s", bounds="from 1e-3 to 50"
+        _empty, "largest joint speeds; empty: the model's", unit="rad/s", bounds="from 1e-3 to 50"
     )
     acceleration_limit: np.ndarray = key(
-        _empty, "of the joints; empty: the model's, or assumed", unit="rad/s2", bounds="from 0.01 to 1e5"
+        _empty, "largest joint accelerations; empty: the model's, or assumed", unit="rad/s2", bounds="from 0.01 to 1e5"
     )
-    torque_limit: np.ndarray = key(_empty, "joint side; empty: the model's", unit="Nm", bounds="from 1e-4 to 1e5")
+    torque_limit: np.ndarray = key(
+        _empty, "largest joint torques, joint side; empty: the model's", unit="Nm", bounds="from 1e-4 to 1e5"
+    )
     joint_stiffness: dict[str, np.ndarray] = key(
-        {}, "sets by name, joint side; empty: assumed", unit="Nm/rad", bounds="from 0.01 to 1e8"
+        {}, "joint stiffness, joint side, as sets by name; empty: assumed", unit="Nm/rad", bounds="from 0.01 to 1e8"
     )
-    default_stiffness_set: str = key("", "name of one of these sets")
-    transmission_damping: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nms/rad", bounds="from 0 to 1e5")
+    default_stiffness_set: str = key("", "name of the set of joint stiffness that is used by default")
+    transmission_damping: np.ndarray = key(
+        _empty, "damping of the elastic joints, joint side; empty: assumed", unit="Nms/rad", bounds="from 0 to 1e5"
+    )
     reference_filter: ReferenceFilter = key(meaning="position loop of every joint")
-    period: float = key(meaning="control sampling", unit="s", bounds="above 0 and at most 1")
+    period: float = key(meaning="sampling period of the control", unit="s", bounds="above 0 and at most 1")
     gear_ratio: np.ndarray = key(
         _empty, "motor turns per joint turn, signed, from 1e-3 to 1e5 in size; empty: assumed", unit="1"
     )
-    rotor_inertia: np.ndarray = key(_empty, "motor side; empty: assumed", unit="kg m2", bounds="from 0 to 10")
+    rotor_inertia: np.ndarray = key(_empty, "rotors, motor side; empty: assumed", unit="kg m2", bounds="from 0 to 10")
     velocity_loop_inertia: np.ndarray = key(
         _empty,
-        "what velocity loops are tuned for, joint side, 0.01 to 1e4 times the rotors; empty: the rotors, or assumed",
+        "inertia velocity loops are tuned for, joint side, 0.01 to 1e4 times the rotors; empty: the rotors, or assumed",
         unit="kg m2",
         bounds="from 1e-6 to 1e4",
     )
     coulomb_friction: np.ndarray = key(
-        _empty, "joint side, with friction_offset below torque_limit; empty: assumed", unit="Nm", bounds="from 0 to 1e5"
+        _empty,
+        "Coulomb friction, joint side; its sum with friction_offset is below torque_limit; empty: assumed",
+        unit="Nm",
+        bounds="from 0 to 1e5",
     )
-    viscous_friction: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nms/rad", bounds="from 0 to 1e6")
+    viscous_friction: np.ndarray = key(
+        _empty, "viscous friction, joint side; empty: assumed", unit="Nms/rad", bounds="from 0 to 1e6"
+    )
     viscous_friction_backward: np.ndarray = key(
-        _empty, "at negative speeds; empty: the same", unit="Nms/rad", bounds="from 0 to 1e6"
+        _empty, "viscous friction at negative speeds; empty: as at positive", unit="Nms/rad", bounds="from 0 to 1e6"
     )
-    friction_offset: np.ndarray = key(_empty, "empty: zero", unit="Nm")
+    friction_offset: np.ndarray = key(_empty, "constant part of joint friction, joint side; empty: zero", unit="Nm")
     motor_coupling: list[MotorCoupling] = key([], "motors that also turn with another joint")
     link_compliance: dict[str, np.ndarray] = key(
         {},
-        "by frame of a link: six diagonal entries, rotations then translations, in that frame's axes",
+        "compliance of links by frame: six diagonal entries, rotations then translations, in that frame's axes",
         unit="rad/Nm, m/N",
         bounds="from 0 to 0.1",
     )
     link_compliance_sets: list[str] | None = key(
-        None, "sets of joint stiffness to which it is added; null: every one. The others include it already"
+        None, "sets of joint stiffness to which link_compliance is added; null: all. The others include it already"
     )
-    assumed: dict[str, str] = field(default_factory=dict, init=False)  # keys that were left out, and the rule instead
+    assumed: dict[str, str] = field(default_factory=dict, init=False)  # keys that were left out, and the rule for them
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -182,28 +189,20 @@ class ControlParameters(Config):
         return T
 
     def stiffness(self, name: str | None = None) -> np.ndarray:
-        """A joint-stiffness set, shape (n,) [Nm/rad]; the default one when `name` is None.
-
-        Raises:
-            BadInputError: there is no such set.
-        """
+        """A joint-stiffness set, shape (n,) [Nm/rad], the default one when None; BadInputError when there is none."""
         name = self.default_stiffness_set if name is None else name
         if name not in self.joint_stiffness:
             raise unknown("stiffness set", name, self.joint_stiffness)
         return self.joint_stiffness[name]
 
     def bending(self, name: str | None = None) -> dict[str, np.ndarray]:
-        """The link compliance that goes with a joint-stiffness set; nothing where the set includes it."""
+        """The link compliance to add to a joint-stiffness set; empty where the set includes it."""
         name = self.default_stiffness_set if name is None else name
         chosen = self.link_compliance_sets
         return {} if chosen is not None and name not in chosen else self.link_compliance
 
     def only(self, arm: str) -> ControlParameters:
-        """The parameters of one arm of several; the joints of the others are held in the default posture.
-
-        Raises:
-            BadInputError: there is no such arm.
-        """
+        """The parameters of one arm, others held in the default posture; BadInputError when there is no such arm."""
         if not self.arms:
             raise BadInputError(f"{self.model} has one arm, which needs no name: leave out '/{arm}'")
         if arm not in self.arms:
@@ -223,7 +222,7 @@ class ControlParameters(Config):
         )
 
 
-# What is derived from limits where it is left out.
+# Parameters that are assumed from the limits where they are left out.
 DERIVED = ("joint_stiffness", "transmission_damping", "rotor_inertia", "coulomb_friction", "viscous_friction")
 PER_JOINT = (
     "transmission_damping",
@@ -239,7 +238,7 @@ PER_JOINT = (
     "acceleration_limit",
     "torque_limit",
 )
-_GIVEN = ("default_posture_deg", "friction_offset")  # of those per joint; others may be empty
+_GIVEN = ("default_posture_deg", "friction_offset")  # of PER_JOINT, those that may not be empty
 
 
 @dataclass(kw_only=True)
@@ -247,13 +246,13 @@ class ToolParameters(Config):
     """A tool's `*.tool.yaml`."""
 
     model: str = key(meaning="URDF or SDF file in the same folder")
-    mount_frame: str = key(meaning="welded to the robot's flange")
-    tcp_frame: str = key(meaning="z is the tool axis, away from the flange")
-    held_joints: dict[str, float] = key({}, "joints that are rigid, at this position", unit="rad, m")
-    contact_ball_frame: str | None = key(None, "centre of the ball that touches")
-    contact_ball_radius: float = key(0.0, "a sharp point is 0", unit="m", bounds="from 0 to 0.5")
-    sensor_frame: str | None = key(None, "where the wrist sensor measures")
-    sensor_weld: str | None = key(None, "joint whose reaction the sensor measures")
+    mount_frame: str = key(meaning="frame of the tool that is welded to the robot's flange")
+    tcp_frame: str = key(meaning="frame of the tool centre point; z is the tool axis, away from the flange")
+    held_joints: dict[str, float] = key({}, "joints of the tool that are fixed, at this position", unit="rad, m")
+    contact_ball_frame: str | None = key(None, "frame at the centre of the contact ball; null: none")
+    contact_ball_radius: float = key(0.0, "radius of the contact ball; 0: a point", unit="m", bounds="from 0 to 0.5")
+    sensor_frame: str | None = key(None, "frame in which the wrist sensor measures; null: none")
+    sensor_weld: str | None = key(None, "joint whose reaction the wrist sensor measures; null: none")
 
 
 def load_control_parameters(folder: Path) -> ControlParameters:
@@ -280,7 +279,7 @@ def load_tool_parameters(folder: Path) -> ToolParameters:
 
 
 def read_keys(file: Path) -> Tagged:
-    """What a file of parameters holds, unchecked; an empty one has no keys, and BadInputError tells what is no YAML."""
+    """The keys of a file of parameters, unchecked; none for an empty file. BadInputError where it is no YAML."""
     try:
         tree = parse(yaml_text(file), file.name)
     except (OSError, UnicodeDecodeError) as error:
@@ -304,11 +303,11 @@ def _load(kind: type[T], file: Path) -> T:
 
 
 def missing_limits(keys: Mapping[str, Any], model: Path) -> list[str]:
-    """Limits that a URDF file does not give, and that are needed for what is assumed of the drives, one text for each.
+    """Messages about limits that a URDF file does not give, and from which drive parameters are to be assumed.
 
     Args:
-        keys: of the control parameters; without arm joints all joints count that move by themselves.
-        model: the file; of others than URDF nothing is said.
+        keys: of the control parameters; without arm joints, all joints that mimic no other count.
+        model: the file; no messages for other files than URDF.
     """
     if model.suffix.lower() != ".urdf" or all(name in keys for name in DERIVED):
         return []
@@ -330,7 +329,7 @@ def missing_limits(keys: Mapping[str, Any], model: Path) -> list[str]:
     return texts
 
 
-_LARGEST_CONDITION = 1e9  # of the coupling of the motors
+_LARGEST_CONDITION = 1e9  # condition number of the matrix of motor couplings
 Check = tuple[str, Any, str, bool | list[bool]]  # (field, value, what is allowed, whether it is, or each entry)
 
 

@@ -1,4 +1,4 @@
-"""A robot and its tools in a plant: parsing them, and where their joints, actuators and frames are."""
+"""A robot and its tools in a plant: parsing, and access to joints, actuators and frames."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ class RobotParts:
     """A robot and its tools as they are in a plant.
 
     Joints and actuators are those of all arms, in the order of the parameters. `arms` has at least one entry.
-    `missing_shapes` are collision shapes of the models that nothing stands for, see `forcectl.robot.urdf`; `let_be` is
-    what would be refused of them, did it move.
+    `missing_shapes` are collision shapes of the models without a substitute, see `forcectl.robot.urdf`; `let_be` are
+    wrong numbers of the robot's model that have no effect here, see `sort_doubts`.
     """
 
     parameters: ControlParameters
@@ -92,14 +92,14 @@ class RobotParts:
 
     @property
     def first_arm(self) -> ArmParts:
-        """The only arm of most robots."""
+        """The first arm; most robots have only this one."""
         return next(iter(self.arms.values()))
 
 
 def add_plant(builder: DiagramBuilder, time_step: float) -> tuple[MultibodyPlant, SceneGraph]:
     """An empty plant and the geometry around it, connected.
 
-    As Drake's `AddMultibodyPlantSceneGraph`, after which the bindings of Drake 1.51 keep plant and geometry for good.
+    Instead of Drake's `AddMultibodyPlantSceneGraph`, whose binding in Drake 1.51 never releases plant and geometry.
 
     Args:
         builder: of the diagram.
@@ -120,7 +120,7 @@ def add_robot(
 ) -> RobotParts:
     """Parse a robot into `plant`, weld its base to the world and a tool to each flange, and set the default posture.
 
-    Joints that the parameters hold (those of the other arms of "robot/arm" are) become welds.
+    Held joints of the parameters become welds; with "robot/arm" these include the joints of the other arms.
 
     Args:
         plant: not yet finalized; gets the geometry too when it is registered with a scene graph.
@@ -152,7 +152,7 @@ def add_robot_with(
 ) -> RobotParts:
     """As `add_robot`, with control parameters that are not read from the robot's folder.
 
-    What is wrong with joints and links that move is added to `refused`, or raised when None.
+    Errors in joints and links that move are added to `refused`, or raised when None.
     """
     arms = parameters.arms or {"arm": _only_arm(parameters)}
     whole = ModelFile.look(folder / parameters.model, everything=False)
@@ -236,7 +236,7 @@ def _flange(plant: MultibodyPlant, arm: ArmParameters, name: str, instance: Mode
 
 
 def _fix_base(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, X_WB: RigidTransform | None) -> None:
-    """Weld the base to the world, unless the model has a `world` of its own: then it stands where it says."""
+    """Weld the base to the world, unless the model has a `world` of its own, which then gives the pose."""
     joints = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
     if any(joint.parent_body().index() == plant.world_body().index() for joint in joints):
         if X_WB is not None:
@@ -257,9 +257,9 @@ def _fix_base(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, X_
 def _mimics(
     plant: MultibodyPlant, joints: dict[str, UrdfJoint], parameters: ControlParameters, instance: ModelInstanceIndex
 ) -> dict[str, float]:
-    """Positions at which joints that mimic, and those they mimic, are held where nothing is said of them.
+    """Positions at which mimicking and mimicked joints are held that are not among the held joints of the parameters.
 
-    A joint that others mimic is held where it is nearest to zero; all stay within their limits.
+    A mimicked joint is held at the position nearest to zero; all stay within their limits.
 
     Raises:
         BadInputError: a joint mimics an arm joint, or is one.
@@ -290,7 +290,7 @@ def _mimics(
 def _completed(
     parameters: ControlParameters, joints: tuple[Joint, ...], actuators: tuple[JointActuator, ...], urdf: Urdf
 ) -> ControlParameters:
-    """Parameters with what is assumed; joints and actuators get the limits of the parameters."""
+    """Parameters with assumed values filled in; joints and actuators get the limits of the parameters."""
     limits = {
         "velocity": np.array([float(joint.velocity_upper_limits()[0]) for joint in joints]),
         "acceleration": np.array([float(joint.acceleration_upper_limits()[0]) for joint in joints]),
@@ -335,7 +335,7 @@ def _with_tool(plant: MultibodyPlant, arm: ArmParts, tool: ModelInstanceIndex, p
 
 
 def frame_named(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, kind: str = "frame") -> Frame:
-    """A frame of a model by name; BadInputError, with the names there are, when it has none such."""
+    """A frame of a model by name; BadInputError, with the names there are, when it does not exist."""
     if not plant.HasFrameNamed(name, instance):
         frames = [plant.get_frame(i) for i in plant.GetFrameIndices(instance)]
         raise unknown(f"{kind} of {plant.GetModelInstanceName(instance)}", name, [f.name() for f in frames if f.name()])
@@ -343,7 +343,7 @@ def frame_named(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, 
 
 
 def _hold(plant: MultibodyPlant, positions: dict[str, float], instance: ModelInstanceIndex) -> None:
-    """Replace joints, and what drives them, by welds at `positions`."""
+    """Replace joints by welds at `positions`, and remove their actuators."""
     for name, position in positions.items():
         key = f"held_joints.{name}"
         joint = _revolute_or_prismatic(plant, name, instance, key)

@@ -1,4 +1,4 @@
-"""What the numbers of a model file may be, URDF and SDF alike. Wide: no real robot comes near the ends."""
+"""Accepted ranges of the numbers of a model file, URDF or SDF. They are wide: no real robot is near their ends."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from numpy.typing import NDArray
 from forcectl.arrays import Array
 
 LIGHTEST, HEAVIEST = 1e-9, 1e4  # [kg] of a link that moves
-_AWAY = 5.0  # [m] of a link's origin to its centre of mass, at most
-_WIDEST = 5.0  # [m] radius of gyration of a link, at most
-# Of the largest moment of inertia of the densest body there is, a ball of osmium: a link of 10 kg has a radius of
-# gyration of 1 mm at least. Wide, for links of public models have guessed moments, such as 1e-6 kg m2 of 1 kg.
+_AWAY = 5.0  # [m] largest distance of a link's centre of mass from its origin
+_WIDEST = 5.0  # [m] largest radius of gyration of a link
+# Smallest accepted largest moment of inertia / that of the densest body of the same mass, a ball of osmium: a link of
+# 10 kg has a radius of gyration of 1 mm at least. Public models have guessed moments, such as 1e-6 kg m2 for 1 kg.
 _SMALLEST_MOMENT = 1e-3
 _OSMIUM = 22.6e3  # [kg/m3]
-_FAR = 0.5  # of the largest moment of inertia that the others may be short of a body's: a slip, and no estimate
-# Largest values of a joint that are no infinity: rad or m, Nm or N, rad/s or m/s, and those of friction.
+_FAR = 0.5  # tolerated violation of the triangle inequality of the moments / largest moment: beyond, no mere estimate
+# Largest finite values of a joint: rad or m, Nm or N, rad/s or m/s, and those of friction.
 _LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
-_MOST_TURNS = 50.0  # [rad] position limit of a joint that turns; beyond it is one in degrees
-_FASTEST = 50.0  # [rad/s] velocity limit of a joint that turns; beyond it is one in degrees per second
+_MOST_TURNS = 50.0  # [rad] position limit of a joint that turns; a larger one is in degrees
+_FASTEST = 50.0  # [rad/s] velocity limit of a joint that turns; a larger one is in degrees per second
 _ROUNDING = 1e-14
 LIMITS = ("lower", "upper", "effort", "velocity")
 _INSTEAD = {"effort": "torque_limit", "velocity": "velocity_limit"}
-_SMALLEST = {"effort": 1e-4, "velocity": 1e-5}  # that are not zero
+_SMALLEST = {"effort": 1e-4, "velocity": 1e-5}  # smallest values other than zero
 _SHORTEST_AXIS = 1e-6
-NEGATIVE = -1e-12  # [kg m2] moments of inertia below are negative, and not rounded
+NEGATIVE = -1e-12  # [kg m2] moments of inertia below this are negative by more than rounding
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """Numbers that no robot has, in words with their line, which only count where something moves: Drake takes them.
+    """An implausible number that Drake accepts, and that matters only where a joint or link moves.
 
     Attributes:
-        text: what is wrong.
-        joint: counts unless this joint is held; "" where it is about a link.
-        link: counts unless this link is fixed to the world.
-        key: control parameter that takes its place where it is given; "" for none.
+        text: message with the line.
+        joint: matters unless this joint is held; "" where it is about a link.
+        link: matters unless this link is fixed to the world.
+        key: control parameter that replaces the number where it is given; "" for none.
     """
 
     text: str
@@ -50,14 +50,14 @@ class Doubt:
 
 @dataclass(frozen=True)
 class NumberRange:
-    """Numbers that stand at one place, in SI units.
+    """The accepted numbers at one place of a file, in SI units.
 
     Attributes:
         count: how many.
-        largest: each is at most, in size.
-        smallest: each is at least, in size.
-        signed: they may be below zero.
-        unit: where it is a common slip.
+        largest: largest absolute value of each.
+        smallest: smallest absolute value of each.
+        signed: whether they may be below zero.
+        unit: named in messages, where a wrong one is common.
     """
 
     count: int = 1
@@ -67,7 +67,7 @@ class NumberRange:
     unit: str = ""
 
     def words(self) -> str:
-        """What is allowed."""
+        """The range in words."""
         numbers = "a number" if self.count == 1 else f"{self.count} numbers"
         if math.isinf(self.largest):
             return numbers
@@ -76,7 +76,7 @@ class NumberRange:
         return f"{numbers} from {self.smallest:g} to {self.largest:g}{' in size' if self.signed else ''}"
 
     def holds(self, text: str) -> bool:
-        """Whether a text is such numbers."""
+        """Whether a text consists of such numbers."""
         numbers = numbers_in(text)
         if numbers is None or len(numbers) != self.count or not (self.signed or min(numbers) >= 0):
             return False
@@ -90,7 +90,7 @@ _ACCELERATION = NumberRange(largest=1e6, smallest=1e-4, signed=False)  # [rad/s2
 _ROTOR_INERTIA = NumberRange(largest=10.0, signed=False)  # [kg m2]
 _LENGTH = NumberRange(largest=10.0, smallest=1e-9, signed=False)  # [m] of a shape
 _LENGTHS = NumberRange(3, largest=100.0, smallest=1e-9, signed=False)  # a box may be a floor
-# Of each element its numbers: attributes of a URDF, elements within of an SDF.
+# The numbers of each element: its attributes in URDF, its child elements in SDF.
 NUMBERS = {
     "axis": {"xyz": NumberRange(3)},
     "mass": {"value": NumberRange()},
@@ -112,7 +112,7 @@ NUMBERS = {
 
 
 def numbers_in(text: str) -> list[float] | None:
-    """The numbers of a text; None for anything else, and for one that is no number."""
+    """The numbers of a text; None if a part of it is not a number, or is NaN."""
     try:
         numbers = [float(part) for part in text.split()]
     except ValueError:
@@ -121,15 +121,15 @@ def numbers_in(text: str) -> list[float] | None:
 
 
 def is_axis(numbers: list[float]) -> bool:
-    """Whether numbers are a direction."""
+    """Whether numbers are a direction, that is not zero."""
     return math.hypot(*numbers) >= _SHORTEST_AXIS
 
 
 def wrong_limits(limits: Mapping[str, float], turns: bool = False) -> Iterator[tuple[str, str]]:
-    """Limits of a joint that no robot has, in words, each with the control parameter that takes its place, or "".
+    """Messages about implausible limits of a joint, each with the control parameter that can replace the limit, or "".
 
     Args:
-        limits: of lower, upper, effort and velocity those that count; an effort or velocity of 0 is not known.
+        limits: those of lower, upper, effort and velocity to check; an effort or velocity of 0 stands for unknown.
         turns: whether the joint turns.
     """
     for name, value in limits.items():
@@ -145,21 +145,21 @@ def wrong_limits(limits: Mapping[str, float], turns: bool = False) -> Iterator[t
 
 
 def wrong_friction(friction: Mapping[str, float]) -> Iterator[str]:
-    """Damping and friction of a joint that no robot has, in words."""
+    """Messages about implausible damping and friction of a joint."""
     for name, value in friction.items():
         if not 0 <= value <= _LARGEST[name]:
             yield f"{name} = {value:g}: must be from 0 to {_LARGEST[name]:g}"
 
 
 def wrong_body(mass: float, inertias: Array, centre: list[float], moved: bool, exact: bool = False) -> str | None:
-    """What is wrong with mass and inertia of a link, in words.
+    """Message about wrong mass or inertia of a link, or None.
 
     Args:
         mass: [kg].
         inertias: about the centre of mass, (3, 3) [kg m2].
         centre: of mass [m].
         moved: by a joint: then it must have a mass.
-        exact: it has a mass, and moments that a body has; otherwise they may be short by half of the largest.
+        exact: refuse zero mass and every impossible inertia; else tolerate an error of half the largest moment.
     """
     moments, away, diagonal = np.linalg.eigvalsh(inertias), math.hypot(*centre), np.diag(inertias)
     principal = f"principal moments of inertia {_listed(moments)} kg m2"

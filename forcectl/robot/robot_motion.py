@@ -20,14 +20,14 @@ from forcectl.robot.model import RobotModel
 
 
 class ContactMotion(NamedTuple):
-    """The contact at one tick, from the controller's model and reading.
+    """The contact at one tick, from the controller's model and the measured force.
 
     Attributes:
         displacement: dx_bar along n [m], into the surface when negative.
         rate: its rate [m/s]; its second derivative is row u + bias, with row (n,) [m/rad], bias [m/s^2].
         compliance: C_T_hat [m/N].
         measured_force: [N].
-        sensor_lag_lead: what the measured force does not show yet [m], see `SensorLag`.
+        sensor_lag_lead: displacement that the lag of the force sensor still hides [m], see `SensorLag`.
     """
 
     displacement: float
@@ -74,12 +74,12 @@ class RobotMotion:
         return self._robot.load_torque(self._context)
 
     def torque(self, u: Vector) -> Vector:
-        """M(q) u + c(q, v) + g(q), (n,) [Nm], at once: half of the cost of the two."""
+        """M(q) u + c(q, v) + g(q), (n,) [Nm], in one call: half the cost of `inertia` and `load`."""
         return self._robot.torque(self._context, u)
 
 
 class ConstantJacobianMotion(RobotMotion):
-    """The same about one posture q_0, with the Jacobian of that posture: what the one-dimensional station is made of.
+    """A `RobotMotion` with the constant Jacobian of a posture q_0, as in the one-dimensional station.
 
     Args:
         origin: the motion at rest in q_0.
@@ -100,21 +100,21 @@ class TipPose(NamedTuple):
 
 
 def tip_pose(robot: RobotModel, context: Context, q: Vector) -> TipPose:
-    """Where the TCP is in posture q, (n,) [rad]; `context` is overwritten."""
+    """Pose of the TCP in posture q, (n,) [rad]; `context` is overwritten."""
     robot.set_positions(context, q)
     return pose_parts(robot.pose(context))
 
 
 def pose_parts(pose: RigidTransform) -> TipPose:
-    """Position and rotation of a pose, at the cost of one call."""
+    """Position and rotation of a pose, from one call to Drake."""
     matrix = pose.GetAsMatrix34()
     return TipPose(matrix[:, 3], matrix[:, :3])
 
 
 def constant_jacobian_pose(origin: RobotMotion, q: Vector) -> TipPose:
-    """The same of a `ConstantJacobianMotion`."""
+    """Pose of the TCP of a `ConstantJacobianMotion` in posture q, (n,) [rad]."""
     moved = origin.jacobian @ (q - origin.q)
-    # Rotation to first order: what `orientation_error` reads off it is the difference of the rotation vectors.
+    # Rotation to first order: `orientation_error` of two of them is the difference of the rotation vectors.
     rotation = (np.eye(3) + cross_matrix(moved[:3])) @ origin.rotation
     return TipPose(origin.position + moved[3:], rotation)
 

@@ -1,4 +1,4 @@
-"""An SDF file as it is found: what is wrong with its numbers. The file itself goes to Drake, which passes over much."""
+"""Checks of the numbers of an SDF file. Drake parses the file unchanged, and ignores many errors in it."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from forcectl.robot.urdf_text import parse_xml
 
 Element = ElementTree.Element
 
-_NO_LIMIT = 1e16  # stands for no limit in SDF, as negative efforts and velocities do
-_AS_BODY = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}  # where the file says nothing
+_NO_LIMIT = 1e16  # no limit in SDF from here on, as negative efforts and velocities
+_AS_BODY = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}  # defaults of the format
 
 
-# What an element holds at most one of, beside its numbers and its pose: the others would be passed over.
+# Children of which an element may have one, beside its numbers and its pose: Drake ignores further ones.
 _ONCE = {
     "link": ("inertial",),
     "inertial": ("inertia",),
@@ -40,9 +40,9 @@ _ONCE = {
 
 
 def wrong_sdf(path: Path) -> tuple[list[str], list[Doubt]]:
-    """What is wrong with the numbers of an SDF file, in words, and what is only where something moves.
+    """Messages about wrong numbers of an SDF file, and doubts, which matter only where something moves.
 
-    Files that it includes are not looked into.
+    Files that it includes are not checked.
     """
     lines = dict[int, int]()
     try:
@@ -86,7 +86,7 @@ def _wrong_texts(root: Element) -> Iterator[tuple[Element, str]]:
 
 
 def _wrong_pose(pose: Element, text: str, far: bool) -> str:
-    """What a pose must be that it is not; `far` of a centre of mass, whose distance is looked at with its link."""
+    """Allowed values of a wrong pose, else ""; `far`: that of a centre of mass, whose distance is checked elsewhere."""
     parts = text.split()
     position = NumberRange(3) if far else POSITION
     if pose.get("rotation_format") == "quat_xyzw":
@@ -101,7 +101,7 @@ def _wrong_pose(pose: Element, text: str, far: bool) -> str:
     return "" if right else f"{position.words()} and then {turn.words()}"
 
 
-Told = tuple[Element, str, dict[str, str]]  # whom it is about, where it only counts while that moves
+Told = tuple[Element, str, dict[str, str]]  # element, message, and fields of a `Doubt`, empty for an error
 
 
 def _wrong_links(root: Element) -> Iterator[Told]:
@@ -114,7 +114,7 @@ def _wrong_links(root: Element) -> Iterator[Told]:
             inertia, pose = inertial.find("inertia"), inertial.findtext("pose") or ""
             entries = _AS_BODY | _values(inertia if inertia is not None else Element("inertia"))
             mass, centre = _values(inertial).get("mass", 1.0), (numbers_in(pose) or [0.0])[:3]
-            # Drake makes 1 kg of a mass of zero, and of one with an inertia that no body has.
+            # Drake replaces a mass by 1 kg if it is zero or has an impossible inertia.
             M, name = inertia_matrix(entries), link.get("name", "")
             if text := wrong_body(mass, M, centre, name in moved, exact=True):
                 still = wrong_body(mass, M, centre, moved=False, exact=True)

@@ -1,18 +1,18 @@
-"""A URDF file as it is found in public: what is wrong with it, and what Drake is given in its place.
+"""Public URDF files: checks, and the corrected text that Drake parses instead.
 
-The file itself is never changed. What Drake cannot use, or would use in another way than a robot behind drives has it,
-is replaced in a copy of the text:
+The file itself is never changed. Parts that Drake cannot use, or would model in another way than a robot with drives,
+are replaced or removed in a copy of the text:
 
-- collision meshes other than .obj, .vtk and .gltf by the box or capsule around them (`forcectl.robot.meshes`);
-- visual meshes that are missing by nothing, .stl ones by the box or capsule around them;
-- `<mimic>` by nothing: a joint that mimics is held, see `forcectl.robot.parts`;
-- `<dynamics>` by nothing: damping and friction of a joint are those of its drive, see `forcectl.robot.assumptions`;
-- transmissions of joints without a torque limit, and gear ratios, by nothing: see `forcectl.robot.parts` for both;
-- transmissions of what is no joint that moves by nothing;
-- a material's name that stands for two colours by one for each;
-- masses of zero by no inertia at all (refused in a link that moves);
-- an inertia that no body quite has by one that a body may have (one that is far from it is refused in what moves);
-- addresses of packages by the files they name, see `package_folders`.
+- collision meshes other than .obj, .vtk, .gltf: replaced by the box or capsule around them (`forcectl.robot.meshes`);
+- visual meshes: removed if missing, .stl ones replaced by the box or capsule around them;
+- `<mimic>`: removed, because a joint that mimics is held, see `forcectl.robot.parts`;
+- `<dynamics>`: removed; damping and friction of a joint are those of its drive, see `forcectl.robot.assumptions`;
+- transmissions of joints without a torque limit, and gear ratios: removed, see `forcectl.robot.parts` for both;
+- transmissions without a joint that moves: removed;
+- material names with two colours: replaced by one name for each colour;
+- inertias of links with zero mass: removed (in a link that moves they are refused);
+- slightly impossible inertias: replaced by possible ones (very impossible ones are refused in a link that moves);
+- addresses of packages: replaced by the files they name, see `package_folders`.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint that moves, as the file has it; units are SI.
+    """A joint that moves, with the values of the file; units are SI.
 
     Attributes:
         kind: revolute, continuous or prismatic.
@@ -75,15 +75,15 @@ class UrdfJoint:
 
 @dataclass(eq=False)
 class Urdf:
-    """What a URDF file says; the same object as long as the file does not change.
+    """The content of a URDF file; the same object as long as the file does not change.
 
     Attributes:
-        text: in place of the file; "" where it can be used as it is.
+        text: corrected text, to parse in place of the file; "" where the file can be parsed itself.
         joints: those that move, by name.
-        problems: what must be cured before it can be used.
-        doubts: what must be cured before joints and links that it is about may move.
+        problems: errors that make the file unusable.
+        doubts: errors that matter only where their joint or link moves.
         notes: what was replaced or left out.
-        missing_shapes: collision shapes that there is no substitute for.
+        missing_shapes: collision shapes that were left out without a substitute.
     """
 
     text: str = ""
@@ -210,7 +210,7 @@ class _Rewriting:
             if wrong and (mass < 0 or (np.diag(inertias) < NEGATIVE).any()):
                 self._problem(link, f"link {name!r}: {wrong}")
                 continue
-            if wrong:  # a finger that is held may weigh nothing, as what is fixed to the hand
+            if wrong:  # a held finger may have no mass: it is then fixed to the hand
                 empty = moved and (mass == 0 or not moments.any())
                 about = {"joint": self._moved[name]} if empty else {"link": name}
                 self._doubt(link, f"link {name!r}: {wrong}", **about)
@@ -223,7 +223,7 @@ class _Rewriting:
                 self._found.notes.append(f"link {name}: no body has such an inertia; its smaller moments are raised")
 
     def _raise_moments(self, inertia: Element | None, inertias: np.ndarray) -> None:
-        """The least moments that a body with the largest one may have."""
+        """Raise the smaller moments to the least that are possible with the largest one."""
         moments, axes = np.linalg.eigh(inertias)
         moments = np.maximum(moments, 0.0)
         moments[:2] += max(0.0, 0.5 * (moments[2] - moments[0] - moments[1]) * (1 + 1e-6))
@@ -262,7 +262,7 @@ class _Rewriting:
             if not visual:
                 self._found.missing_shapes.append(f"{what}: {' '.join(str(error).split())}")
             return
-        if by_drake:  # looked at for its size only
+        if by_drake:  # read only to check its size
             return
         _put(shape, around)
         self._changed = True
@@ -334,7 +334,7 @@ class _Rewriting:
         self._found.joints[name] = UrdfJoint(kind, effort, velocity, mimics=mimics, **friction)
 
     def _materials(self) -> None:
-        """Names that stand for two colours, which Drake refuses, get one each."""
+        """Give each colour a name of its own; Drake refuses one name for two colours."""
         seen: dict[str, tuple[dict[str, str], ...]] = {}
         for i, material in enumerate(self._root.iter("material")):
             name, looks = material.get("name", ""), tuple(each.attrib for each in material)
@@ -372,7 +372,7 @@ def _centre(inertial: Element) -> list[float]:
 
 
 def _put(shape: Element, around: Enclosure) -> None:
-    """Replace the mesh of a shape by what is around it."""
+    """Replace the mesh of a shape by the box, sphere or capsule around it."""
     geometry, origin = shape.find("geometry"), shape.find("origin")
     if geometry is None:
         return

@@ -1,4 +1,4 @@
-"""The text of a URDF file: its tree with lines, what is wrong with its elements, and the packages of its addresses."""
+"""The text of a URDF file: its tree with line numbers, checks of its elements, and folders of its packages."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from forcectl.robot.ranges import NUMBERS, POSITION, TURN, NumberRange
 
 Element = ElementTree.Element
 
-_UP = 4  # folders above the model that are looked through for a package
+_UP = 4  # number of folders above the model that are searched for a package
 _SHAPES = ("box", "cylinder", "sphere", "mesh", "capsule", "drake:capsule", "drake:ellipsoid")
-# What an element holds at most one of: the others would be passed over.
+# Children of which an element may have one: further ones would be ignored.
 _ONCE = {
     "link": ("inertial",),
     "inertial": ("origin", "mass", "inertia"),
@@ -42,9 +42,9 @@ def parse_xml(data: bytes, lines: dict[int, int]) -> Element:
 
 
 def wrong_elements(root: Element, lines: dict[int, int]) -> Iterator[str]:
-    """Attributes that are not the numbers they should be, shapes that are none, and what is there twice, in words."""
+    """Messages about attributes out of range, geometry without one shape, and repeated elements."""
     of_masses = root.findall(".//inertial/origin")
-    parts = [part for part in root if part.tag != "gazebo"]  # which is in the words of SDF, and for others
+    parts = [part for part in root if part.tag != "gazebo"]  # which holds SDF, for other programs
     for element in (each for part in parts for each in part.iter()):
         at, tag = f"line {lines[id(element)]}", element.tag.rpartition(":")[2]
         allowed_of = NUMBERS.get(tag, {})
@@ -65,9 +65,9 @@ def wrong_elements(root: Element, lines: dict[int, int]) -> Iterator[str]:
 
 
 def package_folders(folder: Path, name: str) -> Iterator[Path]:
-    """Where a package may be: a folder of its name, or whose package.xml names it, beside or above a model.
+    """Possible folders of a package: with its name, or named so by a package.xml, beside or above a model.
 
-    Last the model's own folder and the one above, whatever they are called: a package that was copied.
+    Last come the model's own folder and the one above, with any name, for packages that were copied.
     """
     above = [folder, *list(folder.parents)[:_UP]]
     for place in above:
@@ -78,7 +78,7 @@ def package_folders(folder: Path, name: str) -> Iterator[Path]:
 
 
 def _package_name(folder: Path) -> str:
-    if not (folder / "package.xml").is_file():  # a pipe would be waited for
+    if not (folder / "package.xml").is_file():  # opening a pipe would block
         return ""
     try:
         text = ElementTree.parse(folder / "package.xml").findtext("name")
