@@ -22,10 +22,10 @@ class Taring:
     Without a window: while the level is above 0.5, the wrench is zero and the tare value is the mean of the ticks since
     the level rose. It is kept afterwards. A level below -0.5 resets it to zero.
 
-    With a window: while the level is above 0.5, the tare value is the mean of the wrench over the window of the past,
-    as far as the level was above 0.5 in it. Before the first such mean the wrench is zero. Once the window is full,
-    taring and window pause while a force differs from the tare value by more than `change`, so that a contact that
-    begins slowly is not subtracted.
+    With a window: while the level is above 0.5, the tare value is the mean of the wrench over the window of the past.
+    Only times with the level above 0.5 count in it; before the first of them the wrench is zero. Once the window is
+    full, taring and window pause while a force differs from the tare value by more than `change`, so that a contact
+    that begins slowly is not subtracted.
 
     Args:
         window: its end and begin, as times before now [s]; empty: none.

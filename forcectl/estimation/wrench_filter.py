@@ -3,8 +3,8 @@
 `MovingJoints` estimates the wrench w at the frame, in the axes of the frame, with A = J'. A force is observable as long
 as enough joints move; a null-space motion moves nearly all of them, see `SelfMotion`.
 
-A wrench at the frame has no torque along the null space N, J N = 0. A force elsewhere, on the elbow say, has one as far
-as it acts along that motion: N'(d - b) tells the two apart.
+A wrench at the frame has no torque along the null space N, J N = 0. A force elsewhere, for example on the elbow, has
+one if it does work in that motion: N'(d - b) distinguishes the two.
 """
 
 from __future__ import annotations

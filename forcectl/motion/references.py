@@ -26,7 +26,7 @@ _SHORTEST = 1e-9  # shortest time between two points of a reference [s]
 
 
 def held_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomial:
-    """Values (n, k) held from each of the times (k,) [s] on; the last one for ever.
+    """Values (n, k) held from each of the times (k,) [s] on; the last one without end.
 
     Raises:
         BadInputError: as `linear_trajectory`, but one time is enough.

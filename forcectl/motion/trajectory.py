@@ -229,7 +229,7 @@ class Planner:
                 from the motion of the trajectory state by more than rounding. So a generator whose start is the motion
                 after its last command follows one plan as long as its commands are executed exactly.
         """
-        now = state[:] if start is None else self._led(state[:], np.array(start))
+        now = state[:] if start is None else self._restarted(state[:], np.array(start))
         goal = np.array(target)
         if largest(now[_PROBLEM] != self._problem) or largest(goal != now[_TARGET]) or self._plan.brakes:
             now = self._planned(now, goal)
@@ -238,7 +238,7 @@ class Planner:
         after[_ARRIVED], after[_BRAKING], after[_ELAPSED] = self._plan.arrival <= elapsed, self._plan.braking, elapsed
         return TrajectoryState(after)
 
-    def _led(self, state: Array, start: Array) -> Array:
+    def _restarted(self, state: Array, start: Array) -> Array:
         """The trajectory state, with the motion `start` and without a plan in groups where `start` counts."""
         now = state[_MOTION]
         if not largest(start != now):
@@ -286,7 +286,7 @@ _planners: WeakSet[Planner] = WeakSet()
 
 
 @atexit.register
-def _let_go() -> None:
+def _drop_plans() -> None:
     """Drop Ruckig's objects at exit: its binding prints a long list of those still alive, as in a script's diagram."""
     for planner in list(_planners):
         planner._planners, planner._plans, planner._plan = [], [], None

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from forcectl.robot.parts import ArmParts
 
 _HEAVIEST_TOOL = 2000.0  # [kg]: the largest robots carry little more
-_SLOWED = 10.0  # largest viscous friction at the speed limit / torque limit: beyond it is an input error
+_FRICTION_SHARE = 10.0  # largest viscous friction at the speed limit / torque limit: beyond it is an input error
 _LOOP_INERTIA = 0.01, 1e4  # accepted range of the inertia a velocity loop is tuned for / its rotor inertia
 # [rad] accepted range of the twist of a joint at its torque limit. Gears of robots have 1e-3 to 4e-2, intended springs
 # up to 0.5, a shaft without a gear 1e-4. Beyond are wrong units: Nm/mrad or Nmm/rad, or Nm/arcmin, a factor of 3438.
@@ -37,7 +37,7 @@ _GRAVITY = 9.81  # [m/s2]
 # [rad/s2] accepted range of the acceleration of a rotor alone at the torque limit of its joint: servos have 1e3 to 1e5,
 # small ones 1e6. If all joints are above it, the unit is wrong; a single one may have a placeholder torque.
 _SLOWEST, _QUICKEST = 50.0, 5e6
-_SPENT = 1.0  # [s] largest damping / stiffness of a transmission; usual are some ms
+_DAMPING_TIME = 1.0  # [s] largest damping / stiffness of a transmission; usual are some ms
 _OF_REACH = 0.02, 5.0  # accepted range of the characteristic length / reach
 _BALL = 1.5, 1e-3  # largest distance from the centre of a tool's ball to its TCP: so many radii plus so many [m]
 # Moments of inertia are checked in links with at least this share of the mass that moves. They must be at least this
@@ -204,8 +204,8 @@ def beyond_coulomb(coulomb: np.ndarray, torque: np.ndarray) -> str:
 def beyond_viscous(viscous: np.ndarray, torque: np.ndarray, speed: np.ndarray) -> str:
     """The allowed range in words, if friction [Nms/rad] far exceeds torque [Nm] / speed [rad/s] limits; else ""."""
     most, known = np.full(len(speed), np.inf), np.isfinite(speed) & np.isfinite(torque)
-    most[known] = _SLOWED * torque[known] / speed[known]
-    allowed = f"at most {_SLOWED:g} times torque limits over velocity limits, {most.round(1).tolist()}"
+    most[known] = _FRICTION_SHARE * torque[known] / speed[known]
+    allowed = f"at most {_FRICTION_SHARE:g} times torque limits over velocity limits, {most.round(1).tolist()}"
     return allowed if (viscous > most).any() else ""
 
 
@@ -219,8 +219,8 @@ def _check_rotors(parameters: ControlParameters, torque: np.ndarray, turns: np.n
         allowed = f"zero, or from {ends}: {_SLOWEST:g} to {_QUICKEST:g} rad/s2 at the torque limits"
         raise invalid("rotor_inertia", rotors.tolist(), allowed)
     stiffness = parameters.stiffness()
-    if (parameters.transmission_damping > _SPENT * stiffness).any():
-        allowed = f"at most {_SPENT:g} s times the joint stiffness, {_rounded(_SPENT * stiffness)}"
+    if (parameters.transmission_damping > _DAMPING_TIME * stiffness).any():
+        allowed = f"at most {_DAMPING_TIME:g} s times the joint stiffness, {_rounded(_DAMPING_TIME * stiffness)}"
         raise invalid("transmission_damping", parameters.transmission_damping.tolist(), allowed)
 
 

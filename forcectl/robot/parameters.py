@@ -1,4 +1,4 @@
-"""The YAML files beside a robot's and a tool's model: what control needs and URDF/SDF cannot say.
+"""The YAML files next to a robot's and a tool's model: parameters for control that URDF/SDF cannot hold.
 
 Position limits are in the URDF/SDF only, limits of velocity, acceleration and torque too where it has them
 (`RobotModel.limits`). Parameters of elastic joints and drives may be left out: see `forcectl.robot.assumptions`. Treat

@@ -27,7 +27,7 @@ from forcectl.robot.urdf_text import parse_xml
 Element = ElementTree.Element
 
 _NO_LIMIT = 1e16  # no limit in SDF from here on, as negative efforts and velocities
-_AS_BODY = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}  # defaults of the format
+_DEFAULT_INERTIA = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}  # defaults of the format
 
 
 # Children of which an element may have one, beside its numbers and its pose: Drake ignores further ones.
@@ -112,7 +112,7 @@ def _wrong_links(root: Element) -> Iterator[Told]:
             if inertial.get("auto") in ("true", "1"):
                 continue
             inertia, pose = inertial.find("inertia"), inertial.findtext("pose") or ""
-            entries = _AS_BODY | _values(inertia if inertia is not None else Element("inertia"))
+            entries = _DEFAULT_INERTIA | _values(inertia if inertia is not None else Element("inertia"))
             mass, centre = _values(inertial).get("mass", 1.0), (numbers_in(pose) or [0.0])[:3]
             # Drake replaces a mass by 1 kg if it is zero or has an impossible inertia.
             M, name = inertia_matrix(entries), link.get("name", "")

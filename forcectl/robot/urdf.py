@@ -325,7 +325,7 @@ class _Rewriting:
             if mimics[0] not in {each.get("name") for each in self._root.findall("joint")}:
                 self._doubt(joint, f"joint {name!r}: mimics {mimics[0]!r}: there is no such joint", name)
                 mimics = None
-        # Zero stands for "not known" in public models: nothing could move otherwise.
+        # Zero means "not known" in public models: taken literally, no joint could move.
         effort, velocity = (values.get(each, 0.0) or math.inf for each in ("effort", "velocity"))
         endless = [each for each, value in values.items() if not math.isfinite(value)]
         if limit is not None:

@@ -48,7 +48,11 @@ MISTAKES = [
     ("period: 0.004", "period: 4", "period = 4.0: must be above 0 and at most 1"),
     ("rotor_inertia: [1e-4", "rotor_inertia: [1e4", "rotor_inertia.0 = 10000.0: must be from 0 to 10"),
     ("damping_ratio: 0.9", "damping: 0.9", "did you mean 'damping_ratio'?"),
-    ("period: 0.004\n", "", "planar.control.yaml: period is missing: must be a number (sampling period of the control [s])"),
+    (
+        "period: 0.004\n",
+        "",
+        "planar.control.yaml: period is missing: must be a number (sampling period of the control [s])",
+    ),
     ("period: 0.004", "period: 0", "planar.control.yaml:13: period = 0.0: must be above 0 and at most 1"),
     ("period: 0.004", "period: fast", "period = 'fast': must be a number"),
     ("period: 0.004", "period: [0.004]", "period = [0.004]: must be a number"),
@@ -178,7 +182,8 @@ def test_everything_that_is_missing_is_told_at_once_with_its_meaning(tmp_path):
     with pytest.raises(BadInputError) as caught:
         load_control_parameters(folder)
     assert str(caught.value) == (
-        "planar.control.yaml:12: reference_filter.damping_ratio is missing: must be a number (damping ratio z of every joint [1]); "
+        "planar.control.yaml:12: reference_filter.damping_ratio is missing: "
+        "must be a number (damping ratio z of every joint [1]); "
         "period is missing: must be a number (sampling period of the control [s]); "
         f"model = 'planar.urdf': there is no such file in folder {str(folder)!r}; "
         f"`forcectl robot {folder}` proposes values"
