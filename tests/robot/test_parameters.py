@@ -232,7 +232,7 @@ def test_tool_parameters_need_only_model_mount_and_tcp(tmp_path):
     with pytest.raises(BadInputError, match="contact_ball_radius"):
         load_tool_parameters(tmp_path)
     file.write_text("model: hook.sdf\ntcp_frame: tip\n")
-    with pytest.raises(BadInputError, match=r"^hook\.tool\.yaml: mount_frame is missing: must be text \(welded"):
+    with pytest.raises(BadInputError, match=r"^hook\.tool\.yaml: mount_frame is missing: must be text \(frame of"):
         load_tool_parameters(tmp_path)
 
 
