@@ -271,30 +271,39 @@ class LinearContact(PythonDiagram):
 
 @dataclass(kw_only=True)
 class EnvironmentConfig(Config, in_batches=True):
-    """Scenario part `environment: !Surface`: what the tool of an arm presses on, touching it at the start or not."""
+    """Scenario part `environment: !Surface`: a compliant surface that the tool of an arm presses on."""
 
-    arm: str = key("", "which arm presses; empty: the first")
-    normal: list[float] = key([], "outward normal in W; empty: the station's", bounds="not all zero", size=3)
+    arm: str = key("", "name of the arm whose tool presses; empty: the first")
+    normal: list[float] = key(
+        [], "outward normal of the surface in the world; empty: the station's", bounds="not all zero", size=3
+    )
     stiffness: float = key(
-        5.9e3, "K_E where surface.materials does not say otherwise", unit="N/m", bounds="positive", each=True
+        5.9e3,
+        "stiffness K_E of the surface, unless surface.materials gives it",
+        unit="N/m",
+        bounds="positive",
+        each=True,
     )
     damping: float = key(
         0.0,
-        "D_E where surface.materials does not say otherwise",
+        "damping D_E of the surface, unless surface.materials gives it",
         unit="N s/m",
         bounds="not negative, at most 100000",
     )
     dissipation: float = key(
         0.0,
-        "d_E of Hunt and Crossley, F = K_E z (1 + d_E z'), in place of damping",
+        "coefficient d_E of Hunt and Crossley's dissipation, F = K_E z (1 + d_E z'), in place of damping; 0: none",
         unit="s/m",
         bounds="not negative, at most 1000",
     )
     friction: float = key(
-        0.0, "Coulomb's, against the tool (Multibody only)", unit="1", bounds="not negative and at most 2"
+        0.0,
+        "Coulomb friction coefficient between surface and tool (Multibody only)",
+        unit="1",
+        bounds="not negative and at most 2",
     )
-    one_sided: bool = key(True, "false: the linear two-sided spring (OneDimensional only)")
-    surface: SurfaceConfig = key(SurfaceConfig, "its shape and materials; flat by default")
+    one_sided: bool = key(True, "true: the contact only pushes; false: a linear two-sided spring (OneDimensional only)")
+    surface: SurfaceConfig = key(SurfaceConfig, "shape and materials of the surface; flat by default")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -20,17 +20,25 @@ _SKIN = 1e-3  # [m] at the surface of a box that does not count as its inside
 class ObstacleConfig(Config):
     """A box that the robot may touch, fixed to the world."""
 
-    size: list[float] = key([0.2, 0.2, 0.2], "of the edges", unit="m", bounds="above 0 and at most 20", size=3)
-    position: list[float] = key([0.5, 0.0, 0.0], "of its centre", unit="m", bounds="from -20 to 20", size=3)
-    rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw", unit="deg", size=3)
+    size: list[float] = key(
+        [0.2, 0.2, 0.2], "lengths of the edges of the box", unit="m", bounds="above 0 and at most 20", size=3
+    )
+    position: list[float] = key(
+        [0.5, 0.0, 0.0], "centre of the box in the world", unit="m", bounds="from -20 to 20", size=3
+    )
+    rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch and yaw of the box in the world", unit="deg", size=3)
     stiffness: float = key(
         1e4,
-        "at a point of contact",
+        "stiffness of the box at a point of contact",
         unit="N/m",
         bounds=f"positive and at most {0.1 * LARGEST_STIFFNESS:g}",
     )
-    damping: float = key(50.0, "at a point of contact", unit="Ns/m", bounds="not negative, at most 100000")
-    friction: float = key(0.2, "Coulomb's, against any link", unit="1", bounds="at least 0 and below 1")
+    damping: float = key(
+        50.0, "damping of the box at a point of contact", unit="Ns/m", bounds="not negative, at most 100000"
+    )
+    friction: float = key(
+        0.2, "Coulomb friction coefficient between the box and any link", unit="1", bounds="at least 0 and below 1"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -40,11 +48,11 @@ class ObstacleConfig(Config):
 
     @property
     def pose(self) -> RigidTransform:
-        """Of its centre in the world."""
+        """Pose of the box's centre in the world."""
         return RigidTransform(RollPitchYaw(np.radians(self.rotation_deg)), np.array(self.position))
 
     def occupies(self) -> tuple[object, ...]:
-        """What no other part of the environment has, too."""
+        """Key of its place: two parts of an environment with the same key are at the same place."""
         return "box", *self.size, *self.position, *self.rotation_deg
 
     def holds(self, point: ArrayLike) -> bool:

@@ -41,23 +41,53 @@ _TINY, _FLAT = 1e-4, 0.05  # [m], [deg] of a place in the hand
 class GraspConfig(Config):
     """Springs of a grasp along and about the axes of the TCP; about x, then the y so turned, then the z."""
 
-    stiffness: list[float] = key([1000.0, 1000.0, 2000.0], "along", unit="N/m", bounds="positive", size=3)
-    damping: list[float] = key([30.0, 30.0, 60.0], "along", unit="Ns/m", bounds="from 0 to 100000", size=3)
+    stiffness: list[float] = key(
+        [1000.0, 1000.0, 2000.0], "stiffness along each axis of the TCP", unit="N/m", bounds="positive", size=3
+    )
+    damping: list[float] = key(
+        [30.0, 30.0, 60.0], "damping along each axis of the TCP", unit="Ns/m", bounds="from 0 to 100000", size=3
+    )
     force_limit: list[float] = key(
-        [20.0, 20.0, 20.0], "along, of what is held", unit="N", bounds="from 0.1 to 1e5", size=3
+        [20.0, 20.0, 20.0],
+        "largest holding force along each axis of the TCP",
+        unit="N",
+        bounds="from 0.1 to 1e5",
+        size=3,
     )
-    rotational_stiffness: list[float] = key([3.0, 3.0, 3.0], "about", unit="Nm/rad", bounds="positive", size=3)
-    rotational_damping: list[float] = key([0.1, 0.1, 0.1], "about", unit="Nms/rad", bounds="from 0 to 1000", size=3)
-    torque_limit: list[float] = key([1.0, 1.0, 1.0], "about, of what is held", unit="Nm", bounds="positive", size=3)
+    rotational_stiffness: list[float] = key(
+        [3.0, 3.0, 3.0], "stiffness about each axis of the TCP", unit="Nm/rad", bounds="positive", size=3
+    )
+    rotational_damping: list[float] = key(
+        [0.1, 0.1, 0.1], "damping about each axis of the TCP", unit="Nms/rad", bounds="from 0 to 1000", size=3
+    )
+    torque_limit: list[float] = key(
+        [1.0, 1.0, 1.0], "largest holding torque about each axis of the TCP", unit="Nm", bounds="positive", size=3
+    )
     released_at: float | None = key(
-        None, "when the gripper opens, for good; null: never by itself", unit="s", bounds="not negative"
+        None,
+        "time at which the gripper releases the part for good; null: only on command",
+        unit="s",
+        bounds="not negative",
     )
-    # Beyond the stretch of the springs at their limits, 20 mm with the defaults: what only gives way is not lost.
+    # Above the deflection of the springs at their limits, 20 mm with the defaults: a part that only gives way is kept.
     largest_offset: float = key(
-        0.025, "of the part from where it was taken; farther off it is lost", unit="m", bounds="above 0 and at most 0.5"
+        0.025,
+        "displacement of the part from where it was taken, beyond which the gripper has lost it",
+        unit="m",
+        bounds="above 0 and at most 0.5",
     )
-    reach: float = key(0.005, "offset up to which a closing gripper takes the part", unit="m", bounds="from 0 to 0.2")
-    reach_deg: float = key(5.0, "angle up to which it does", unit="deg", bounds="from 0 to 180")
+    reach: float = key(
+        0.005,
+        "distance of the part from its place in the hand, up to which a closing gripper takes it",
+        unit="m",
+        bounds="from 0 to 0.2",
+    )
+    reach_deg: float = key(
+        5.0,
+        "angle of the part to its orientation in the hand, up to which a closing gripper takes it",
+        unit="deg",
+        bounds="from 0 to 180",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -81,15 +111,25 @@ class GraspConfig(Config):
 
 @dataclass(kw_only=True)
 class MisplacementConfig(Config):
-    """How a part is held otherwise than its task expects: the error of its place in the hand."""
+    """Placement error of a part: how its pose differs from the one that its task assumes."""
 
-    offset: float = key(0.0, "across the z axis of the frame", unit="m", bounds="from 0 to 0.1")
-    direction_deg: float | None = key(
-        None, "of the offset, from the frame's x towards its y; null: drawn with the seed", unit="deg", bounds=_TURN
+    offset: float = key(
+        0.0, "position error of the frame, perpendicular to its z axis", unit="m", bounds="from 0 to 0.1"
     )
-    tilt_deg: float = key(0.0, "of the z axis of the frame, about its origin", unit="deg", bounds="from 0 to 60")
+    direction_deg: float | None = key(
+        None,
+        "direction of the position error, from the frame's x towards its y axis; null: drawn with the seed",
+        unit="deg",
+        bounds=_TURN,
+    )
+    tilt_deg: float = key(
+        0.0, "angle by which the frame's z axis is tilted, about its origin", unit="deg", bounds="from 0 to 60"
+    )
     tilt_direction_deg: float | None = key(
-        None, "towards which the z axis tilts; null: drawn", unit="deg", bounds=_TURN
+        None,
+        "direction towards which the z axis is tilted, from the frame's x towards its y axis; null: drawn with the seed",
+        unit="deg",
+        bounds=_TURN,
     )
 
     def drawn(self, rng: np.random.Generator) -> RigidTransform:
@@ -114,22 +154,36 @@ class PartConfig(Config):
     """
 
     model: str = key(meaning="shipped part, such as pipette_body, or path of a URDF or SDF file")
-    frame: str = key("", "of the model, which is placed; empty: of its first body")
-    arm: str = key("", "that holds it at its TCP, or can take it there; empty: fixed to the world")
+    frame: str = key("", "frame of the model whose pose is given; empty: that of its first body")
+    arm: str = key("", "arm that holds the part at its TCP, or can take it there; empty: it is fixed to the world")
     position: list[float] = key(
-        [0.0, 0.0, 0.0], "of that frame in the TCP that holds it or the world", unit="m", bounds=_NEAR, size=3
-    )
-    rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw, likewise", unit="deg", size=3)
-    misplaced: MisplacementConfig = key(MisplacementConfig, "error of its place in the hand or the world")
-    grasp: GraspConfig = key(GraspConfig, "of the arm that holds it")
-    lies_at: list[float] = key(
-        [],
-        "of that frame in the world at the start, where it is not held; empty: in the hand",
+        [0.0, 0.0, 0.0],
+        "position of the part's frame in the TCP of its arm, or in the world without an arm",
         unit="m",
         bounds=_NEAR,
         size=3,
     )
-    lies_rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw, likewise", unit="deg", size=3)
+    rotation_deg: list[float] = key(
+        [0.0, 0.0, 0.0],
+        "roll, pitch and yaw of the part's frame in the TCP of its arm, or in the world without an arm",
+        unit="deg",
+        size=3,
+    )
+    misplaced: MisplacementConfig = key(MisplacementConfig, "placement error of the part in the hand or the world")
+    grasp: GraspConfig = key(GraspConfig, "how the arm holds the part")
+    lies_at: list[float] = key(
+        [],
+        "position of the part's frame in the world at the start, if its arm does not hold it then; empty: held",
+        unit="m",
+        bounds=_NEAR,
+        size=3,
+    )
+    lies_rotation_deg: list[float] = key(
+        [0.0, 0.0, 0.0],
+        "roll, pitch and yaw of the part's frame in the world at the start, with lies_at",
+        unit="deg",
+        size=3,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

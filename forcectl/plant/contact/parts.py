@@ -13,7 +13,7 @@ from forcectl.framework.fields import Config, slot
 class EnvironmentPartsConfig(Config):
     """Scenario part `!Parts`: named parts, each of the kinds that fill `environment`. Empty: free space."""
 
-    parts: dict[str, Any] = slot("environment", dict, meaning="by name; none: free space")
+    parts: dict[str, Any] = slot("environment", dict, meaning="surfaces, boxes and parts by name; empty: free space")
 
     def __post_init__(self) -> None:
         super().__post_init__()

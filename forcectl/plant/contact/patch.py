@@ -48,25 +48,31 @@ class PatchConfig(Config):
     For Multibody. Without a gap the tool touches with its lowest point at the start. Points are around any tool's TCP.
     """
 
-    arm: str = key("", "which arm presses; empty: the first")
-    facing: list[float] = key([0.0, 0.0, 1.0], "outward normal in W before the tilt", bounds="not all zero", size=3)
-    tilt_deg: float = key(0.0, "angle that the plate is turned by", unit="deg", bounds="from -45 to 45")
-    tilt_axis: list[float] = key([1.0, 1.0, 0.0], "about which it is, in W", bounds="not all zero", size=3)
-    stiffness: float = key(5.9e3, "K_E of all points together", unit="N/m", bounds="positive")
-    damping: float = key(0.0, "D_E of all points together", unit="N s/m", bounds="not negative, at most 100000")
+    arm: str = key("", "name of the arm whose tool presses; empty: the first")
+    facing: list[float] = key(
+        [0.0, 0.0, 1.0], "outward normal of the plate in the world before the tilt", bounds="not all zero", size=3
+    )
+    tilt_deg: float = key(0.0, "angle by which the plate is tilted", unit="deg", bounds="from -45 to 45")
+    tilt_axis: list[float] = key(
+        [1.0, 1.0, 0.0], "axis in the world about which the plate is tilted", bounds="not all zero", size=3
+    )
+    stiffness: float = key(5.9e3, "stiffness K_E of all points together", unit="N/m", bounds="positive")
+    damping: float = key(0.0, "damping D_E of all points together", unit="N s/m", bounds="not negative, at most 100000")
     dissipation: float = key(
         0.0,
-        "d_E of Hunt and Crossley, in place of damping",
+        "coefficient d_E of Hunt and Crossley's dissipation, in place of damping; 0: none",
         unit="s/m",
         bounds="not negative, at most 1000",
     )
-    friction: float = key(0.0, "Coulomb's, against the tool", unit="1", bounds="not negative and at most 2")
-    width: float = key(0.06, "w, of the square", unit="m", bounds="positive and at most 1")
-    points: int = key(2, "m, along each edge; by pressure: of squares", bounds="from 2 to 10")
-    gap: float = key(0.0, "of the tool from the plate at the start", unit="m", bounds="from 0 to 0.05")
+    friction: float = key(
+        0.0, "Coulomb friction coefficient between plate and tool", unit="1", bounds="not negative and at most 2"
+    )
+    width: float = key(0.06, "width w of the square that touches", unit="m", bounds="positive and at most 1")
+    points: int = key(2, "number m of points, or with pressure of squares, along each edge", bounds="from 2 to 10")
+    gap: float = key(0.0, "distance of the tool from the plate at the start", unit="m", bounds="from 0 to 0.05")
     contact: str = key(
         "points",
-        "points: springs; pressure: Drake's hydroelastic contact of the whole face with a slab",
+        "contact model: springs at points, or by pressure Drake's hydroelastic contact of the whole face with a slab",
         choices=("points", "pressure"),
     )
 

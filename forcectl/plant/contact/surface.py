@@ -1,12 +1,12 @@
-"""Uneven surfaces for moving contact: a slope, grooves, roughness, waves, a profile from a file, or one's own::
+"""Uneven surfaces for moving contact: a slope, grooves, roughness, waves, a profile from a file, or a user's own::
 
     h(s) = max_u [z(s + u) + sqrt(R^2 - u^2) - R],  |u| <= R        what a ball of radius R rests on
     F = -(dx - h(s))/C_T                                            (2.8) with the surface at h instead of at 0
 
 z is the profile itself, s the path coordinate of the tool along the surface from its start. A ball cannot reach the
 bottom of a groove narrower than itself and rounds off every peak: h is the profile dilated by the ball, computed once
-when the station is built. The contact normal stays n, and lateral forces of flanks are left out, unless the normal is
-to turn: see `forcectl.plant.contact.turning_surface`.
+when the station is built. The contact normal stays n and lateral forces of flanks are left out, unless the surface is
+configured to turn its normal: see `forcectl.plant.contact.turning_surface`.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from forcectl.plant.contact.surface_moves import SurfaceMoveConfig, check_moves
 
 GRID = 2e-5  # distance of the points of a profile [m]
 _NARROWEST = 5 * GRID  # what such a grid resolves [m]
-_STEEPEST = 0.3  # slope [-] up to which n is still a fair contact normal
-_STEEPEST_TURNING = 1.0  # and up to which the way of the tool is still one over s
+_STEEPEST = 0.3  # slope [-] up to which n still approximates the contact normal
+_STEEPEST_TURNING = 1.0  # slope [-] up to which the tool's path is still a function of s, where the normal turns
 _LONGEST = 2.0  # path [m]; keeps the grid small
-_HIGHEST = 0.05  # height in a file, of a groove [m]: beyond it the number is hardly in metres
-_STEP = 1e-3  # height [m] that may be steeper than a slope of 1; and of roughness
-_HIGHEST_TURNING = 0.5  # and of a surface that the tool follows round [m]
+_HIGHEST = 0.05  # largest height in a file and of a groove [m]: a larger number is probably not in metres
+_STEP = 1e-3  # height [m] of a step, which may be steeper than a slope of 1; and largest rms of a roughness
+_HIGHEST_TURNING = 0.5  # largest height of a surface whose normal turns [m]
 
 
 def groove_profile(s: Array, centre: float, depth: float, width: float, flank: float) -> Array:
@@ -56,11 +56,11 @@ def groove_profile(s: Array, centre: float, depth: float, width: float, flank: f
 def rough_profile(count: int, step: float, rms: float, correlation_length: float, seed: int) -> Array:
     """Gaussian roughness with the autocorrelation rms^2 exp(-(u/l)^2), shape (count,) [m]; periodic.
 
-    Band-limited: nothing is shorter than a period of l. The same arguments give the same bits.
+    Band-limited: no component has a period shorter than l. The same arguments give the same bits.
 
     Args:
         step: distance of the points [m].
-        rms: [m], of exactly these points.
+        rms: [m], root mean square over exactly these points.
         correlation_length: l [m].
     """
     white = np.random.Generator(np.random.PCG64(seed)).standard_normal(count)
@@ -75,11 +75,11 @@ def ball_envelope(profile: Array, step: float, radius: float) -> Array:
     """Height of the lowest point of a ball that rests on the profile, shape (k,) [m].
 
     Args:
-        profile: heights at equal distances, shape (k,) [m]; goes on level at both ends.
+        profile: heights at equal distances, shape (k,) [m]; continued level at both ends.
         step: that distance [m].
         radius: [m], >= 0.
     """
-    # The ball touches no further from its axis than where it is as high as the whole profile.
+    # The ball can touch only up to the distance from its axis at which its surface is as high as the whole profile.
     height = min(float(np.ptp(profile)), radius)
     reach = math.sqrt(height * (2 * radius - height))
     count = min(int(reach / step), len(profile))
@@ -96,8 +96,7 @@ def ball_envelope(profile: Array, step: float, radius: float) -> Array:
 class SurfaceProfile:
     """Height of the surface under the tool, over the path coordinate.
 
-    h(s) = slope s + a table joined by straight lines, which keeps its last value beyond its ends; h(0) = 0, or
-    minus the gap.
+    h(s) = slope s + a table, interpolated linearly and constant beyond its ends; h(0) = 0, or minus the gap.
 
     Attributes:
         start: of the table [m].
@@ -166,10 +165,10 @@ class HeightPart(Protocol):
     """A filler of the slot `surface`."""
 
     def heights(self, s: Array) -> Array:
-        """Height along n, which every fidelity raises the surface to.
+        """Heights of the surface along n, which every fidelity uses.
 
         Args:
-            s: path coordinates `GRID` apart, as far to both sides of the start, shape (k,) [m].
+            s: path coordinates `GRID` apart, symmetric about the start, shape (k,) [m].
 
         Returns:
             shape (k,) [m].
@@ -181,13 +180,13 @@ class HeightPart(Protocol):
 class GrooveConfig(Config):
     """Scenario part `!Grooves`: equal grooves across the path."""
 
-    depth: float = key(2e-4, "of each groove", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
-    width: float = key(4e-3, "from edge to edge", unit="m", bounds=f"at least {_NARROWEST:g}")
+    depth: float = key(2e-4, "depth of each groove", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
+    width: float = key(4e-3, "width of each groove from edge to edge", unit="m", bounds=f"at least {_NARROWEST:g}")
     flank: float | None = key(
-        None, "width of one flank, 0 (a step) to width/2; null: width/2, a cosine", unit="m", bounds="not negative"
+        None, "width of each flank, 0 (a step) to width/2; null: width/2, a cosine", unit="m", bounds="not negative"
     )
-    spacing: float = key(0.02, "from centre to centre, none at the start", unit="m", bounds="positive")
-    positions: list[float] = key([], "of the centres; empty: by the spacing", unit="m")
+    spacing: float = key(0.02, "distance of the groove centres, none at the start", unit="m", bounds="positive")
+    positions: list[float] = key([], "path coordinates of the groove centres; empty: by the spacing", unit="m")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -201,7 +200,7 @@ class GrooveConfig(Config):
             raise invalid("depth", self.depth, f"at most {deepest:.3g} m: a step, or a slope of 1 m/m at this width")
 
     def centres(self, length: float) -> list[float]:
-        """Where the grooves are within +-`length` [m], sorted [m].
+        """Path coordinates of the groove centres within +-`length` [m], sorted [m].
 
         Raises:
             BadInputError: a position beyond that.
@@ -223,7 +222,7 @@ class GrooveConfig(Config):
         return z
 
     def lines(self, length: float) -> list[tuple[float, float]]:
-        """What a picture shows of it within +-`length` [m]: centres and widths of lines across the path [m]."""
+        """Lines across the path that a picture draws within +-`length` [m]: their centres and widths [m]."""
         return [(centre, self.width) for centre in self.centres(length)]
 
 
@@ -232,8 +231,8 @@ class RoughnessConfig(Config):
     """Scenario part `!Roughness`: Gaussian roughness, see `rough_profile`. The ball smooths it further."""
 
     rms: float = key(5e-6, "root mean square of the height", unit="m", bounds=f"positive, at most {_STEP:g}")
-    correlation_length: float = key(1e-3, "where the correlation is 1/e", unit="m", bounds=f"at least {_NARROWEST:g}")
-    seed: int = key(0, "its own: the surface is the same whatever the noise", bounds="not negative")
+    correlation_length: float = key(1e-3, "distance at correlation 1/e", unit="m", bounds=f"at least {_NARROWEST:g}")
+    seed: int = key(0, "seed of the roughness alone: the surface does not change with the noise", bounds="not negative")
 
     def heights(self, s: Array) -> Array:
         """See `HeightPart`."""
@@ -246,8 +245,8 @@ class RoughnessConfig(Config):
 class WaveConfig(Config):
     """Scenario part `!Waves`: a sine along the path, zero and rising at the start."""
 
-    amplitude: float = key(1e-4, "of the height", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
-    wavelength: float = key(0.02, "along the path", unit="m", bounds=f"at least {_NARROWEST:g}")
+    amplitude: float = key(1e-4, "amplitude of the height", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
+    wavelength: float = key(0.02, "wavelength along the path", unit="m", bounds=f"at least {_NARROWEST:g}")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -264,7 +263,7 @@ class WaveConfig(Config):
 class ProfileFileConfig(Config):
     """Scenario part `!ProfileFile`: heights from a CSV file, joined by straight lines."""
 
-    path: str = key(meaning="of a CSV file with the columns position and height [m]")
+    path: str = key(meaning="path of a CSV file with the columns position and height [m]")
 
     def heights(self, s: Array) -> Array:
         """See `HeightPart`."""
@@ -273,28 +272,28 @@ class ProfileFileConfig(Config):
 
 @dataclass(kw_only=True)
 class SurfaceConfig(Config, in_batches=True):
-    """Scenario part `surface`: its heights are added up; flat when there are none."""
+    """Scenario part `surface`: shape and materials of a surface; its heights are added up, none: flat."""
 
-    direction: list[float] = key([1.0, 0.0, 0.0], "of the path in W, across the normal", bounds="not all zero", size=3)
+    direction: list[float] = key([1.0, 0.0, 0.0], "direction of the path in W, across n", bounds="not all zero", size=3)
     length: float = key(
         0.2,
-        "the profile covers +-length of path and goes on level beyond",
+        "half length of the profile: it covers +-length of path and is level beyond",
         unit="m",
         bounds=f"from {_NARROWEST:g} to {_LONGEST:g}",
     )
     slope: float = key(
         0.0,
-        "rise along n per path; positive: towards the robot",
+        "rise of the surface along n per distance along the path; positive: towards the robot",
         unit="1",
         bounds=f"from {-_STEEPEST:g} to {_STEEPEST:g}",
     )
-    turning: bool = key(False, "whether the normal turns with the profile (Multibody only); false: it stays n")
+    turning: bool = key(False, "true: the contact normal turns with the profile (Multibody only); false: it is n")
     gap: float = key(
         0.0, "distance of the tool from the surface at the start", unit="m", bounds=f"from 0 to {_HIGHEST:g}"
     )
-    moves: list[SurfaceMoveConfig] = key([], "of the whole surface along its normal, over time")
-    heights: dict[str, Any] = slot("surface", dict, meaning="by name")
-    materials: MaterialsConfig | None = key(None, "instead of one stiffness and damping everywhere; null: one material")
+    moves: list[SurfaceMoveConfig] = key([], "displacements of the whole surface along its normal, over time")
+    heights: dict[str, Any] = slot("surface", dict, meaning="height profiles by name, which are added up; none: flat")
+    materials: MaterialsConfig | None = key(None, "materials along the path; null: a single stiffness and damping")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -306,17 +305,17 @@ class SurfaceConfig(Config, in_batches=True):
 
     @property
     def flat(self) -> bool:
-        """Whether the surface is the plane through the start, perpendicular to n: touched, even, at rest."""
+        """Whether the surface is the plane through the start, perpendicular to n: no gap, even, at rest."""
         return self.even and self.slope == 0 and self.gap == 0
 
     @property
     def even(self) -> bool:
-        """Whether the surface is a plane at rest, of one material: a force along it has no reason to change."""
+        """Whether the surface is a plane at rest of one height: motion along it does not change the contact force."""
         return (self.materials is None or self.materials.flat) and not self.moves and not self.heights
 
     @property
     def uniform(self) -> bool:
-        """Whether it is flat and of one material: the same everywhere along the path."""
+        """Whether the surface is flat and of one material: the same everywhere along the path."""
         return self.flat and self.materials is None
 
     def direction_across(self, n: Array) -> Array:
@@ -331,7 +330,7 @@ class SurfaceConfig(Config, in_batches=True):
         return along
 
     def profile(self, ball_radius: float) -> SurfaceProfile:
-        """The profile as a ball of that radius [m] meets it.
+        """The profile h(s) for a ball of that radius [m].
 
         Raises:
             BadInputError: a height that cannot be used.
@@ -362,7 +361,7 @@ class SurfaceConfig(Config, in_batches=True):
                 z = np.asarray(part.heights(s), dtype=float)
             except BadInputError as error:
                 raise error.at(f"{place}.{error.key}") from None
-            except Exception as error:  # whatever a user's part does
+            except Exception as error:  # a user's part may raise anything
                 text = f"heights(s) must return heights, but raised {one_line(error)}"
                 raise BadInputError(text, key=place) from error
             if z.shape != s.shape or not np.isfinite(z).all():
@@ -376,12 +375,12 @@ class SurfaceConfig(Config, in_batches=True):
 
 
 def _end(s: Array) -> float:
-    """How far a path goes, without rounding [m]."""
+    """Half length of a path, without rounding error [m]."""
     return round(float(s[-1]), 9)
 
 
 def read_profile(path: str, length: float = math.inf) -> tuple[Array, Array]:
-    """Positions and heights [m] of a profile file, each of shape (k,), k >= 2, of a path so far to both sides [m].
+    """Positions and heights [m] of a profile file, each of shape (k,), k >= 2, for a path of half length `length` [m].
 
     Raises:
         BadInputError: about `path`, see `forcectl.framework.files.series_file`; not in metres.

@@ -37,12 +37,17 @@ class SegmentConfig(Config):
     """Scenario part of `materials.segments`: one material along the path."""
 
     material: str = key(meaning="plastic, wood, aluminium or springs; any other name with a stiffness of its own")
-    start: float = key(meaning="path coordinate", unit="m")
-    end: float = key(meaning="path coordinate, above `start`", unit="m")
-    stiffness: float | None = key(None, "K_E; null: that of the material", unit="N/m", bounds="positive")
-    damping: float = key(0.0, "D_E", unit="N s/m", bounds="not negative, at most 100000")
+    start: float = key(meaning="path coordinate at which the segment begins", unit="m")
+    end: float = key(meaning="path coordinate at which the segment ends, above `start`", unit="m")
+    stiffness: float | None = key(
+        None, "stiffness K_E of the segment; null: that of the material", unit="N/m", bounds="positive"
+    )
+    damping: float = key(0.0, "damping D_E of the segment", unit="N s/m", bounds="not negative, at most 100000")
     height: float = key(
-        0.0, "above the rest of the surface", unit="m", bounds=f"from {-_LARGEST_HEIGHT:g} to {_LARGEST_HEIGHT:g}"
+        0.0,
+        "height of the segment above the rest of the surface",
+        unit="m",
+        bounds=f"from {-_LARGEST_HEIGHT:g} to {_LARGEST_HEIGHT:g}",
     )
 
     def __post_init__(self) -> None:
@@ -95,12 +100,12 @@ class MaterialPath:
 
 @dataclass(kw_only=True)
 class MaterialsConfig(Config):
-    """Scenario part `materials`: what the surface is made of along the path; the outermost go on beyond their ends."""
+    """Scenario part `materials`: materials of the surface along the path; the outermost continue beyond their ends."""
 
-    segments: list[SegmentConfig] = key([], "in any order, without gap or overlap")
+    segments: list[SegmentConfig] = key([], "segments of one material each, in any order, without gap or overlap")
     blend: float = key(
         0.002,
-        "length over which materials go over into each other, at most the shortest between joints",
+        "length of the transition between two materials, at most the shortest segment between two joints",
         unit="m",
         bounds="not negative",
     )

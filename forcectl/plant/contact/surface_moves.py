@@ -22,13 +22,16 @@ _ROUNDING = 1e-9  # [s]
 
 @dataclass(kw_only=True)
 class SurfaceMoveConfig(Config):
-    """One entry of the surface's key `moves`: it goes a way at a constant speed, and stays there."""
+    """One entry of the surface's key `moves`: a displacement at constant speed, which the surface then keeps."""
 
-    start: float = key(0.0, "of the move", unit="s", bounds="not negative")
+    start: float = key(0.0, "time at which the surface starts to move", unit="s", bounds="not negative")
     distance: float = key(
-        0.0, "along n; positive: towards the robot", unit="m", bounds=f"from {-_FURTHEST:g} to {_FURTHEST:g}"
+        0.0,
+        "displacement of the surface along its normal; positive: towards the robot",
+        unit="m",
+        bounds=f"from {-_FURTHEST:g} to {_FURTHEST:g}",
     )
-    duration: float = key(0.1, "of the move", unit="s", bounds="positive")
+    duration: float = key(0.1, "time that the move takes", unit="s", bounds="positive")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -39,7 +42,7 @@ class SurfaceMoveConfig(Config):
             raise invalid("duration", self.duration, f"at least {shortest:g} s, which is {_FASTEST:g} m/s")
 
     def height(self, time: float) -> float:
-        """What it adds to the height [m] at a time [s]."""
+        """What the move adds to the height [m] at a time [s]."""
         return self.distance * min(max((time - self.start) / self.duration, 0.0), 1.0)
 
 

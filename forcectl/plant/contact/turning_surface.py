@@ -1,17 +1,17 @@
-"""A curved surface whose normal turns along the path, met by a ball.
+"""A curved surface whose normal turns along the path, in contact with a ball.
 
-The profile h that a ball rests on, see `surface`, is the way of its lowest point. While the ball is at s along the
-path and z along n, both from the start, the point of that way nearest to it is::
+The profile h that a ball rests on, see `surface`, is the path of its lowest point. While the ball is at s along the
+path and z along n, both from the start, the point of the profile nearest to it is::
 
     s* = s - (h(s*) - z) h'(s*),    tan(theta) = h'(s*)                                    foot point, slope
     delta = (h(s*) - z)/cos(theta)                                                         depth along the normal
 
-There the surface is replaced by the plane that it has in common with the ball: turned by theta about the axis across
-the path, raised along n to cut that axis at::
+There the surface is replaced by its common tangent plane with the ball: turned by theta about the axis across the
+path, and displaced along n so that it intersects n through the start at::
 
     b = h(s*) - s* tan(theta) + R (1 - 1/cos(theta))
 
-The force is then along the local normal, and goes through the centre of the ball.
+The force is then along the local normal, and its line of action passes through the centre of the ball.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from forcectl.framework.fields import Config, key
 from forcectl.plant.contact.surface import SurfaceProfile
 from forcectl.robot.model import RobotModel, posture_cache, unit_normal
 
-_STEPS = 4  # of the search for the foot point; each leaves |delta/radius of curvature| of its error
-_WIDTH = 10  # points to both sides over which a slope is taken: 0.2 mm
+_STEPS = 4  # of the search for the foot point; each multiplies its error by |delta/radius of curvature|
+_WIDTH = 10  # points to both sides over which a slope is computed: 0.2 mm
 
 
 @dataclass(kw_only=True)
 class ArcConfig(Config):
     """Scenario part `!Arc`: an arc of a circle along the path, level at the start; a cylinder across the path."""
 
-    radius: float = key(0.3, "of the surface", unit="m", bounds="from 0.02 to 100")
-    hollow: bool = key(False, "true: a trough; false: a hill")
+    radius: float = key(0.3, "radius of the arc", unit="m", bounds="from 0.02 to 100")
+    hollow: bool = key(False, "true: a trough (concave); false: a hill (convex)")
 
     def heights(self, s: Array) -> Array:
         """See `HeightPart`.
@@ -56,10 +56,10 @@ class ArcConfig(Config):
 
 
 class FootPoint:
-    """Where a ball is nearest to a profile.
+    """Search for the point of a profile nearest to a ball.
 
     Args:
-        profile: what the ball rests on.
+        profile: h(s) of the ball.
         radius: R of the ball [m].
     """
 
@@ -106,8 +106,8 @@ class TurningSurface(PythonBlock):
 
     link_position: shape (n_q,) [rad].
     surface_height: shape (1,), h(s*) [m]. surface_tilt: shape (1,), theta, positive where the surface rises along the
-    path [rad]. plane_state: shape (4,), for a plane that turns about the axis across, n x d, and slides along n:
-    -theta, b and zero speeds [rad, m, rad/s, m/s]. All outputs are feedthrough.
+    path [rad]. plane_state: shape (4,), of a plane that turns about the axis n x d and slides along n: -theta, b and
+    zero velocities [rad, m, rad/s, m/s]. All outputs are feedthrough.
 
     Sampling: none; evaluated when read.
 

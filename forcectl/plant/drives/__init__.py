@@ -1,1 +1,1 @@
-"""From a joint command to the motion of the motors."""
+"""Drives: from a joint command to the motion of the motors."""

@@ -1,4 +1,4 @@
-"""A robot that moves as it is commanded: what a thesis' simulation without drives takes it for."""
+"""A robot that moves exactly as commanded: the model of the thesis' simulations without drives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from forcectl.framework.block import PythonBlock
 
 
 class CommandedMotion(PythonBlock):
-    """Motors that are, one tick later, where and as fast as they were commanded.
+    """Motors whose position and velocity are the commanded ones, one tick later.
 
     ```
     name: CommandedMotion
@@ -19,15 +19,15 @@ class CommandedMotion(PythonBlock):
     output_ports: [motor_position, motor_velocity]
     ```
 
-    joint_position_command: shape (n,) [rad]. joint_velocity_command: shape (n,) [rad/s]; when it is not connected, what
-    the position changes by in a tick.
+    joint_position_command: shape (n,) [rad]. joint_velocity_command: shape (n,) [rad/s]; when it is not connected, the
+    velocity is the change of position per tick over `period`.
     motor_position, motor_velocity: shape (n,) [rad, rad/s]. State, no direct feedthrough.
 
-    Sampling: every `period` [s]; a command shows one tick later.
+    Sampling: every `period` [s]; the outputs are the commands of the tick before.
 
     Args:
         size: n.
-        start: position at first, shape (n,) [rad].
+        start: initial position, shape (n,) [rad].
     """
 
     optional_inputs = ("joint_velocity_command",)

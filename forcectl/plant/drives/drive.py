@@ -4,10 +4,10 @@
     v_r     = K_v (r - phi) + r'
 
 phi = S q_m and B as in `forcectl.plant.drives.motors`. A velocity loop tuned for an inertia J has w_v in
-proportion to J/B, so each axis has its own. At first friction holds an axis back by c/(B w_v K_v) [rad]: with
-J = B one that moves heavy links sticks while the others move (docs/hunting.md).
+proportion to J/B, so each axis has its own. Until the integral has acted, friction holds an axis back by
+c/(B w_v K_v) [rad]: with J = B an axis that moves heavy links sticks while the others move (docs/hunting.md).
 
-The step of `forcectl.plant.drives.servo`, written as a linear system and a saturation::
+The step is that of `forcectl.plant.drives.servo`, written as a linear system and a saturation::
 
     s  = linear in phi, phi', the integral, r, r', tau_spring
     v+ = soft(s, dt c/B) / (1 + dt (w_v (1 + w_i dt) + b/B))
@@ -40,7 +40,7 @@ class _InnerStep(NamedTuple):
 
 
 def _inner_step(gains: ServoCoefficients, to_motor: Matrix, push: Matrix) -> _InnerStep:
-    """The matrices, with the reference at the start of the step and `push` the speed per spring torque, (n, n)."""
+    """The matrices of one step, for the reference at its start; `push` is the speed per spring torque, (n, n)."""
     n = len(to_motor)
     eye, zero, dt = np.eye(n), np.zeros((n, n)), gains.step
     k, w = gains.position[:, None], gains.velocity[:, None]
@@ -57,9 +57,9 @@ def _inner_step(gains: ServoCoefficients, to_motor: Matrix, push: Matrix) -> _In
 
 
 def _unrolled(step: _InnerStep, dt: float, count: int) -> tuple[list[Matrix], Matrix]:
-    """`count` inner steps, the reference moving on with its rate, as matrices on [x, u, s - sat(s) of earlier steps].
+    """`count` inner steps as matrices on [x, u, s - sat(s) of earlier steps]; the reference advances with its rate.
 
-    Those of the s of each step, and that of the x after the last; x and u are those at the start.
+    Returns the matrix of s for each step, and that of x after the last step; x and u are those at the start.
     """
     n = step.slip.shape[1]
     x = np.hstack([np.eye(3 * n), np.zeros((3 * n, 3 * n))])
@@ -82,8 +82,8 @@ class Drive(PythonDiagram):
     output_ports: [motor_state, motor_position, motor_velocity]
     ```
 
-    reference: shape (2n,), joint reference and its rate [rad, rad/s]; moves on with its rate over a step.
-    spring_torque: shape (n,), torque of the joint springs on the links [Nm]; the motors feel the opposite.
+    reference: shape (2n,), joint reference and its rate [rad, rad/s]; extrapolated with its rate within a period.
+    spring_torque: shape (n,), torque of the joint springs on the links [Nm]; on the motors it acts with minus sign.
     motor_state: shape (2n,), q_m and its rate [rad, rad/s]: the desired state of the joint springs.
     motor_position, motor_velocity: its halves [rad, rad/s]. All outputs are state, no direct feedthrough.
 
@@ -96,7 +96,7 @@ class Drive(PythonDiagram):
         coulomb_friction: c, shape (n,) [Nm].
         viscous_friction: b, shape (n,) [Nms/rad].
         initial_position: q_m at rest, shape (n,) [rad].
-        initial_torque: of the springs there, shape (n,) [Nm].
+        initial_torque: spring torque at rest, shape (n,) [Nm].
     """
 
     def __init__(

@@ -3,18 +3,18 @@
     tau_F = tau_O + tau_C tanh(130 q') + D+ max(q', 0) + D- min(q', 0)                                 (5.2)
     thr   = tau_move + tau_still sech(30 q')                                                           (5.3)*
 
-tau_F opposes the motion: B q'' + ... + tau_F = tau. (5.3) is printed with its two names exchanged; what is least known
-is the friction at rest, so the band is widest there.
+tau_F opposes the motion: B q'' + ... + tau_F = tau. (5.3) is printed with its two names exchanged. Friction at rest is
+the most uncertain, so the threshold is largest there.
 
-The tanh is what control can compute from a measured speed. In a simulated plant its slope, 130 tau_C, is far stiffer
-than a step of 0.5 to 1 ms allows and a joint would creep under load, so there the Coulomb part sticks:
+A controller can compute the tanh from a measured speed. In a simulated plant its slope, 130 tau_C, is far too stiff for
+a step of 0.5 to 1 ms, and a joint would creep under load. There the Coulomb part has true static friction:
 
-- on the motor side of a drive, by a step that is implicit in the speed: a sticking axis stands still, exactly
+- on the motor side of a drive, by a step that is implicit in the speed: a sticking axis is exactly at rest
   (`forcectl.plant.drives.motor_motion`).
 
-- in a multibody plant with rigid joints, one more actuator per joint that regulates the speed to zero with an effort
+- in a multibody plant with rigid joints, by one more actuator per joint that regulates the speed to zero with an effort
   of at most tau_C (`add_coulomb_friction`). Drake solves it implicitly, with the contacts; a sticking joint creeps by a
-  few 1e-6 rad/s, what its solver resolves.
+  few 1e-6 rad/s, the resolution of the solver.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from forcectl.robot.parameters import ControlParameters
 
 COULOMB_STEEPNESS = 130.0  # [s/rad] of (5.2)
 THRESHOLD_STEEPNESS = 30.0  # [s/rad] of (5.3)
-_STICKING = 1e7  # [Nms/rad] damping that stands for sticking
-_SPREAD = 1e-6  # [rad/s]
+_STICKING = 1e7  # [Nms/rad] damping of a joint that sticks
+_SPREAD = 1e-6  # [rad/s] least half change of speed over a tick in `mean_features`
 
 
 class JointFriction:
@@ -61,10 +61,10 @@ class JointFriction:
         viscous_forward: ArrayLike = 0.0,
         viscous_backward: ArrayLike | None = None,
     ):
-        """Numbers hold for every joint; `viscous_backward` is `viscous_forward` when it is None.
+        """A number applies to every joint; `viscous_backward` is `viscous_forward` when it is None.
 
         Raises:
-            BadInputError: a value of another shape, not finite, or negative where that is no friction.
+            BadInputError: a value of another shape or not finite, or a negative one except of `offset`.
         """
         self.size = size
         self.offset = batch_values("offset", offset, size)
@@ -100,7 +100,7 @@ def friction_torque(speed: Array, friction: JointFriction) -> Array:
 
 
 def sliding_friction_torque(speed: Array, friction: JointFriction) -> Array:
-    """The same of joints that move: Coulomb's friction has its full size at any speed."""
+    """tau_F of joints that move: like (5.2), with sign(q') in place of the tanh [Nm]."""
     return _with_direction(speed, friction, np.sign(speed))
 
 
@@ -112,13 +112,13 @@ def _with_direction(speed: Array, friction: JointFriction, direction: Array) -> 
 def mean_features(before: Array, after: Array) -> tuple[Array, Array, Array]:
     """Means of tanh(130 q'), max(q', 0) and min(q', 0) over a tick in which the speed changes linearly.
 
-    Exact through a reversal, where the values at the ends of the tick say nothing about the mean.
+    Exact also through a reversal, where the values at the ends of the tick are no measure of the mean.
 
     Args:
         before, after: joint speeds at the ends of the tick, any one shape [rad/s].
     """
     middle = 0.5 * (before + after)
-    # A speed that hardly changes is spread a little, so that there is something to divide by.
+    # The change of speed is kept above a small value, because the means are divided by it.
     half = np.maximum(0.5 * np.abs(after - before), _SPREAD)
     ends = np.array([middle - half, middle + half])
     # Integrals of tanh, log cosh up to a constant and without its overflow, and of |v|.
@@ -140,21 +140,21 @@ def friction_threshold(speed: Any, move: Any, still: Any) -> Any:
 def add_coulomb_friction(
     plant: MultibodyPlant, joints: Sequence[Joint], friction: JointFriction, steepness: float = np.inf
 ) -> tuple[JointActuator, ...]:
-    """Add what a discrete plant can carry of (5.2) by itself: sticking Coulomb friction and the common viscous part.
+    """Add the parts of (5.2) that a discrete plant can model itself: sticking Coulomb friction, common viscous part.
 
     The Coulomb part is one actuator `<joint>_friction` per joint, whose desired speed has to be zero: feed the
-    `desired_state` input of the model instance through `desired_state_gain`. The lesser of D+ and D- becomes the
-    damping of the joint. What is left, `FrictionRest`, belongs into the plant's `applied_generalized_force` input. Set
-    rotor inertias before.
+    `desired_state` input of the model instance through `desired_state_gain`. The smaller of D+ and D- becomes the
+    damping of the joint. Connect the rest, `FrictionRest`, to the plant's `applied_generalized_force` input. Set rotor
+    inertias before.
 
-    Measure the torque of the motors where it is made: Drake's `net_actuation` output shows the sum of all actuators of
+    Measure the torque of the motors at their controller: Drake's `net_actuation` output has the sum of all actuators of
     a joint, friction included, in each of their entries.
 
     Args:
         plant: discrete, not yet finalized.
         joints: n joints with one velocity each.
-        steepness: [s/rad] of a friction that creeps under load as that of (5.2), tau_C sat(steepness q'); sticks by
-            default.
+        steepness: [s/rad], for friction that creeps under load like that of (5.2), tau_C sat(steepness q'); infinite by
+            default: it sticks.
 
     Raises:
         BadInputError: a steepness that is not positive, a plant that is continuous or finalized, or a wrong number of
@@ -170,11 +170,11 @@ def add_coulomb_friction(
     common = np.minimum(friction.viscous_forward, friction.viscous_backward)
     for joint, coulomb, viscous in zip(joints, friction.coulomb, common, strict=True):
         joint.set_default_damping(joint.default_damping() + float(viscous))
-        # An effort limit of zero is refused.
+        # Drake refuses an effort limit of zero.
         limit = max(float(coulomb), np.finfo(float).tiny)
         rotor, ratio = _rotor(plant, joint)
         actuator = plant.AddJointActuator(f"{joint.name()}_friction", joint, limit)
-        # Of several actuators of a joint, Drake takes the rotor of the last one and forgets the others.
+        # Of several actuators of a joint, Drake uses the rotor of the last one and ignores the others.
         actuator.set_default_rotor_inertia(rotor)
         actuator.set_default_gear_ratio(ratio)
         actuator.set_controller_gains(PdControllerGains(p=0.0, d=min(_STICKING, steepness * limit)))
@@ -183,7 +183,7 @@ def add_coulomb_friction(
 
 
 def _rotor(plant: MultibodyPlant, joint: Joint) -> tuple[float, float]:
-    """Rotor inertia [kg m2] and gear ratio [1] of the last actuator of a joint; none without one."""
+    """Rotor inertia [kg m2] and gear ratio [1] of the last actuator of a joint; (0, 1) without an actuator."""
     found = (0.0, 1.0)
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
@@ -216,7 +216,7 @@ def _rows(plant: MultibodyPlant, instance: ModelInstanceIndex, actuators: Sequen
 
 
 class FrictionRest(PythonDiagram):
-    """What `add_coulomb_friction` leaves of (5.2): offset and the difference of the viscous parts, of C++ blocks.
+    """The parts of (5.2) without those of `add_coulomb_friction`: offset, difference of the viscous parts. C++ blocks.
 
     ```
     name: FrictionRest
@@ -226,7 +226,7 @@ class FrictionRest(PythonDiagram):
 
     velocity: shape (n_v,), of the plant [rad/s]. generalized_force: shape (n_v,) [Nm]. Feedthrough.
 
-    Explicit, so it is held over a step: stable while dt `|D+ - D-|` stays below the inertia of the joint.
+    The force is explicit and held over a step: stable while dt `|D+ - D-|` stays below the inertia of the joint.
 
     Sampling: none; evaluated when read.
 

@@ -1,15 +1,15 @@
-"""Joint impedance control: what a robot with a torque interface holds its joints with.
+"""Joint impedance control of a robot with a torque interface.
 
     tau = K_q (q_bar - q) + D_q (q_bar' - q') + g(q)
 
 At rest a force F along n moves the tool by C_q F, C_q = n'J K_q^-1 J'n, in series with joints and links. With the
-positions of the motors as q the law is the torque of a spring, of a damper and of the weight: passive, whatever the
-robot touches, but for its sampling. A motor of inertia B alone is stable under it with the period T when
+positions of the motors as q the torque is that of a spring, of a damper and of gravity compensation. But for its
+sampling, the law is then passive in any contact. A motor of inertia B alone is stable under it with the period T when
 
     K_q T/2 < D_q < 2 B/T
 
-Joints whose springs are not much stiffer than K_q cannot be damped from the motors much: with K_q = K they reach a
-damping ratio of 0.2 at most.
+Joints whose springs are not much stiffer than K_q can be damped only a little from the motor side: with K_q = K their
+damping ratio is at most 0.2.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class JointImpedance(SampledBatch):
 
     Args:
         initial_reference: q_bar at rest, shape (n,) or a number [rad].
-        initial_torque: tau there [Nm].
+        initial_torque: tau at rest [Nm].
     """
 
     port_units = {
@@ -98,9 +98,10 @@ class JointImpedance(SampledBatch):
 
 
 class GravityCompensation(PythonBlock):
-    """Torque that carries the weight of a robot with elastic joints, from the positions of its motors.
+    """Gravity torque of a robot with elastic joints, from the positions of its motors.
 
-    g(q) of the links, q = q_m - K^-1 g: what the springs K are known to give under the weight, one renewal ago.
+    g(q) with the link positions q = q_m - K^-1 g, where the deflection K^-1 g of the joint springs is that of the g of
+    one renewal before.
 
     ```
     name: GravityCompensation
@@ -159,21 +160,36 @@ class GravityCompensation(PythonBlock):
 
 @dataclass(kw_only=True)
 class JointImpedanceConfig(Config):
-    """Scenario part `drive: !JointImpedance`: the drives take torques, and impedance control holds the joints.
+    """Scenario part `drive: !JointImpedance`: drives with a torque interface, under joint impedance control.
 
-    Empty lists stand for gains that suit the inertias. D_q = 2 z sqrt(K_q I), with the inertia I of motor and link in
-    the start posture.
+    An empty `stiffness` stands for gains that suit the motor inertias. D_q = 2 z sqrt(K_q I), with the inertia I of
+    motor and link in the start posture.
     """
 
-    stiffness: list[float] = key([], "K_q per joint; empty: `bandwidth`^2 B", unit="Nm/rad", bounds="positive")
+    stiffness: list[float] = key(
+        [],
+        "stiffness K_q of each joint; empty: `bandwidth`^2 B, with the motor inertia B",
+        unit="Nm/rad",
+        bounds="positive",
+    )
     bandwidth: float = key(
-        60.0, "of the motors alone, of inertia B, on the default stiffness", unit="rad/s", bounds="positive"
+        60.0,
+        "natural frequency sqrt(K_q/B) of the motors alone, which gives the default stiffness",
+        unit="rad/s",
+        bounds="positive",
     )
-    damping_ratio: float = key(0.7, "damping ratio z", bounds="from 0.01 to 10")
+    damping_ratio: float = key(0.7, "damping ratio z of the joints under impedance control", bounds="from 0.01 to 10")
     torque_gain: float = key(
-        4.0, "of the torque loop in the drives: it divides their friction by one more than this", bounds="not negative"
+        4.0,
+        "gain k of the torque loop in the drives, which divides their friction by 1 + k; 0: no torque loop",
+        bounds="not negative",
     )
-    friction_bandwidth: float = key(100.0, "of the friction observer; 0: none", unit="rad/s", bounds="from 0 to 10000")
+    friction_bandwidth: float = key(
+        100.0,
+        "bandwidth of the friction observer in the drives; 0: no observer",
+        unit="rad/s",
+        bounds="from 0 to 10000",
+    )
 
     def joint_stiffness(self, motor_inertia: Vector) -> Vector:
         """K_q, shape (n,) [Nm/rad].

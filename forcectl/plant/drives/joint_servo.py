@@ -1,20 +1,20 @@
-"""The servo loops of a position-controlled robot at the rate of its plant, and the torque they ask of the motors::
+"""The servo loops of a position-controlled robot at the rate of its plant, and the torque they command to the motors::
 
     tau = sat(u),   u = K_p (r - q) + K_d (v_r - v) + z + tau_ff,   z' = K_i (r - q) + w_b (tau - u)
     K_p = K_d K_v,  K_d = B w_v,  K_i = w_i K_p,  w_b^2 = K_v w_v
 
-with B the inertia that a joint moves and the gains of `forcectl.plant.drives.servo`. r goes on with v_r between two
-references, so that references at 250 Hz are no steps to a loop at 2 kHz. With v_r = 0 the motion is 1/K_v behind in
-steady motion; with v_r = r' it is not behind. z carries what is constant: gravity, friction, loads; while a motor is at
-its limit it gives way.
+with B the inertia that a joint moves and the gains of `forcectl.plant.drives.servo`. Between two references r is
+extrapolated with v_r, so that references at 250 Hz are no steps for a loop at 2 kHz. With v_r = 0 the motion lags by
+1/K_v in steady motion; with v_r = r' it does not lag. The integral z compensates constant torques: gravity, friction,
+loads. While a motor is saturated, w_b (tau - u) unwinds it.
 
-The loops run m times in a step dt of the plant. What acts in a step is the mean of their torques, with the motion going
-on as it does, v + a h, a = (v - v_last)/dt, h = (m - 1)/(2m) dt the mean time of the m samples:
+The loops run m times in a step dt of the plant. The torque that acts in a step is the mean of theirs, with the motion
+extrapolated by v + a h, a = (v - v_last)/dt, where h = (m - 1)/(2m) dt is the mean time of the m samples:
 
     u = K_p (r + v_r h - q - v h) + K_d (v_r - v - a h) + z + tau_ff
 
-so that a plant at 1 kHz has loops of 2 kHz. All of it but the taking of references are C++ blocks: a Python callback at
-that rate costs more than the plant.
+so that a plant at 1 kHz has loops of 2 kHz. All but `ReferenceHold` are C++ blocks: a Python callback at that rate
+costs more than the plant.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from forcectl.plant.drives.servo import ServoGains
 
 
 class ReferenceHold(PythonBlock):
-    """References of n joints, taken at ticks, that go on between them.
+    """References of n joints, sampled at ticks and extrapolated with their velocity between ticks.
 
         r + v_r (t - t_k) = o_k + I(t),   I = dt sum v_r,   o_k = r - I_k + dt (v_r - v_r,k-1)
 
-    I is an integrator at the rate of the plant, beside it: with it there is nothing to be computed here between ticks.
-    In the step in which a reference is taken, I still goes on with the last speed.
+    I is an integrator outside this block, at the rate of the plant, so that nothing is computed here between ticks.
+    In the step in which a reference is sampled, I still integrates the velocity before it.
 
     ```
     name: ReferenceHold
@@ -54,9 +54,9 @@ class ReferenceHold(PythonBlock):
     travelled: shape (n,), I [rad].
     reference: shape (3n,), o, v_r and the feed-forward [rad, rad/s, Nm]. State.
 
-    A joint with a reference that is not a finite number keeps its last position, without speed and feed-forward.
+    A joint whose reference is not finite is held at its last one, with zero velocity and feed-forward.
 
-    Sampling: every `period` [s]; what is taken at a tick shows after it.
+    Sampling: every `period` [s]; what is sampled at a tick is in the output after it.
 
     Args:
         time_step: dt of the integrator [s].
@@ -106,7 +106,7 @@ class JointServo(PythonDiagram):
     motor_torque: shape (n,), tau, joint side [Nm]. Feedthrough of position and velocity.
     torque_integral: shape (n,), integral of motor_torque over time [Nms]. State.
 
-    Sampling: every `period` [s] the references, felt by the motors one step later; every `time_step` [s] the rest.
+    Sampling: every `period` [s] the references, which act on the motors one step later; every `time_step` [s] the rest.
 
     Args:
         substeps: m, how often the loops run in a time step.
@@ -148,7 +148,7 @@ class JointServo(PythonDiagram):
         ki = kp * gains.integral
         unwinding = (
             np.sqrt(gains.position * gains.velocity) if gains.integral else 0.0
-        )  # nothing would wind it up again
+        )  # without integral gain z would unwind and not recover
         ahead = 0.5 * (count - 1) / count * step
         # Known at the start of a step: o, v_r, tau_ff, I, q, v, z, v_last.
         known = add("known", Multiplexer([3 * n, n, n, n, n, n]))

@@ -1,15 +1,15 @@
-"""Motion of the motors of a robot with elastic joints: rotor inertia, friction that sticks, torque of the springs.
+"""Motion of the motors of a robot with elastic joints: rotor inertia, static friction, torque of the joint springs.
 
     B v' = tau - tau_s - tau_F(v)
 
 with the friction (5.2), whose Coulomb part sticks. One step is implicit in the friction::
 
-    s  = v + dt (tau - tau_s - tau_O)/B                                  without Coulomb and viscous friction
+    s  = v + dt (tau - tau_s - tau_O)/B                                  speed without Coulomb and viscous friction
     v+ = soft(s, dt tau_C/B)/(1 + dt D/B),   q+ = q + dt v+              D = D+ or D- by the sign of s
     soft(s, c) = sign(s) max(|s| - c, 0)
 
-A motor below tau_C stands still, exactly. The spring torque is held over the step: stable while dt sqrt(K_J/B) stays
-below 1.
+A motor under less than tau_C is exactly at rest. The spring torque is held over the step: stable while
+dt sqrt(K_J/B) stays below 1, with the stiffness K_J of the springs.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from forcectl.plant.drives.motors import export_motion
 
 
 class MotorMotion(PythonDiagram):
-    """Positions and speeds of n motors, joint side, of C++ blocks.
+    """Positions and velocities of n motors, joint side, from torques. C++ blocks.
 
     ```
     name: MotorMotion
@@ -57,13 +57,13 @@ class MotorMotion(PythonDiagram):
         forward, backward = (
             np.diag(1 / (1 + rate * viscous)) for viscous in (friction.viscous_forward, friction.viscous_backward)
         )
-        # q+ = q + dt v+, v+ = v+, from what of s is beyond the Coulomb friction, forward and backward.
+        # q+ = q + dt v+, v+ = v+; the input is the part of s beyond the Coulomb friction, forward and backward.
         after, speed = np.block([[eye, zero], [zero, zero]]), np.hstack([forward, backward])
         state = LinearSystem(after, np.vstack([step * speed, speed]), np.eye(2 * n), np.zeros((2 * n, 2 * n)), step)
         state.configure_default_state(np.concatenate([batch_values("start", start, n), np.zeros(n)]))
         motion = add("motion", state)
         known = add("known", Multiplexer([n, n, n]))
-        # s four times; what exceeds a limit is s minus s limited: the same number when sticking, so a true zero.
+        # s four times. The part beyond a limit is s - sat(s): exactly zero when sticking, as both are the same number.
         copies = np.tile(np.hstack([eye, np.diag(rate), -np.diag(rate)]), (4, 1))
         free = AffineSystem(D=copies, y0=np.tile(-rate * friction.offset, 4))
         free_speed = through(builder, "free_speed", free, known.get_output_port())

@@ -5,9 +5,9 @@ B = diag(J_m N^2) is the inertia of the rotors at the joints. Friction sticks in
 
     soft(s, c) = s - sat(s, -c, c),    v+ = soft(s, dt c/B) / (1 + ...)
 
-where s is the speed that the step would reach without it. A sticking axis stands still exactly: s and sat(s) are then
-the same number. All of it are C++ blocks: beside a multibody plant a Python callback runs with cold caches and costs
-three times as much, and these run more often than any other.
+where s is the speed that the step would reach without friction. A sticking axis is exactly at rest: s and sat(s) are
+then the same number. All are C++ blocks: beside a multibody plant a Python callback runs with cold caches and costs
+three times as much, and these blocks run more often than any other.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from forcectl.framework.wiring import export_outputs, split, through
 from forcectl.robot.assumptions import assumed_loop_inertia
 from forcectl.robot.model import RobotModel
 
-# What a drive puts out of the motion of its motors, joint side: (2n,) [rad, rad/s], then its halves.
+# Output ports of a drive for the motion of its motors, joint side: (2n,) [rad, rad/s], then its halves.
 MOTOR_PORTS = ("motor_state", "motor_position", "motor_velocity")
 
 
@@ -47,13 +47,13 @@ class Motors:
         self.viscous = batch_values("viscous_friction", viscous, n, "not negative")
 
     def at_rest(self, position: ArrayLike) -> Vector:
-        """phi where the motors are at these positions of the joints, shape (n,) [rad]."""
+        """phi for the motors at these joint positions, shape (n,) [rad]."""
         return self.to_motor @ batch_values("initial_position", position, self.size)
 
     def add_friction(
         self, builder: DiagramBuilder, free: Matrix, stick: Vector, suffix: str = ""
     ) -> tuple[InputPort, OutputPort]:
-        """Blocks for soft(s, `stick`), s = `free` times what they read; their input and output."""
+        """Add blocks for soft(s, `stick`), s = `free` times their input; returns their input and output ports."""
         limit = np.concatenate([np.full(self.size, np.inf), stick])
         # s and -s; only the second half is limited, so that their sum is s - sat(s), exactly zero when sticking.
         speed = builder.AddNamedSystem(f"free_speed{suffix}", MatrixGain(np.vstack([free, -free])))
@@ -62,7 +62,7 @@ class Motors:
         return speed.get_input_port(), slip
 
     def export_motion(self, builder: DiagramBuilder, axes: System) -> None:
-        """Export the motion of axes with the state phi, phi' and n more."""
+        """Export the motion of `axes`, whose state is phi, phi' and n further entries."""
         gain = MatrixGain(np.kron(np.eye(2, 3), self.to_joint))
         export_motion(builder, through(builder, "motor_state", gain, axes.get_output_port()))
 
@@ -81,7 +81,7 @@ def joint_to_motor(robot: RobotModel) -> Matrix:
 
 
 def loop_inertia(robot: RobotModel) -> Vector:
-    """What the velocity loop of each joint is tuned for, shape (n,) [kg m^2]; empty for the rotors alone."""
+    """Inertia that the velocity loop of each joint is tuned for, shape (n,) [kg m^2]; empty: that of the rotors alone."""
     parameters = robot.parameters
     if "velocity_loop_inertia" not in parameters.assumed:
         return parameters.velocity_loop_inertia

@@ -57,7 +57,7 @@ def first_order_hold(a: Matrix, b: Matrix, period: float) -> tuple[Matrix, Matri
     return e[:n, :n], e[:n, n : n + m], e[:n, n + m :]
 
 
-@lru_cache(maxsize=1024)  # in a batch most are the same
+@lru_cache(maxsize=1024)  # in a batch most elements have the same values
 def _held(bandwidth: float, damping_ratio: float, period: float) -> tuple[Matrix, Matrix]:
     return zero_order_hold(*second_order(bandwidth, damping_ratio), period)
 
@@ -132,10 +132,17 @@ class PositionLoop(PythonDiagram):
 class PositionLoopConfig(Config, in_batches=True):
     """Scenario part `position_loop`."""
 
-    bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="from 0.1 to 10000", each=True)
-    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="from 0.01 to 10", each=True)
+    bandwidth: float = key(
+        75.4, "bandwidth w of the joint-reference filter", unit="rad/s", bounds="from 0.1 to 10000", each=True
+    )
+    damping_ratio: float = key(
+        1.0, "damping ratio z of the joint-reference filter", unit="1", bounds="from 0.01 to 10", each=True
+    )
     delay: float = key(
-        0.002, "command delay T_t, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_COMMAND_DELAY:g}"
+        0.002,
+        "delay T_t of the command before the joint-reference filter, a whole number of ticks",
+        unit="s",
+        bounds=f"not negative, at most {LONGEST_COMMAND_DELAY:g}",
     )
 
     def sampled_response(self, period: float) -> StateSpace:

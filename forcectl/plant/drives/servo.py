@@ -1,22 +1,22 @@
-"""Servo loops of a drive, PI control of the speed under P control of the position, and axes with friction that sticks::
+"""Servo loops of a drive, PI control of the speed under P control of the position, and axes with static friction::
 
     a = w_v (v_r - v) + z,    v_r = K_v (r - x) + r',    z' = w_v w_i [K_v (r - x) + c (r' - v)]
 
-In the cascade, here and in `forcectl.plant.drives.drive`, the integral takes all of v_r - v, c = 1; in the servo of
-torques, `forcectl.plant.drives.joint_servo`, only the error of the position, c = 0. With K_v = w/(2 zeta) and
-w_v = 2 zeta w, x follows w^2/(s^2 + 2 zeta w s + w^2) of a reference whose speed is not fed forward.
+In the cascade, here and in `forcectl.plant.drives.drive`, the integral is over all of v_r - v, c = 1. In the servo with
+torque output, `forcectl.plant.drives.joint_servo`, it is over the position error only, c = 0. With K_v = w/(2 zeta) and
+w_v = 2 zeta w, x follows w^2/(s^2 + 2 zeta w s + w^2) times the reference, if its speed is not fed forward.
 
-An axis of the cascade has load and friction that sticks (the calibrated plant of the design's targets, section 2)::
+An axis of the cascade has a load and static friction (the calibrated plant of the design's targets, section 2)::
 
     v' = a + a_load - b v - a_c sign(v),    v = 0 while |a + a_load| <= a_c
 
-One inner step is implicit in v: with s the velocity the step would reach without friction::
+One inner step is implicit in v. With s, the velocity that the step would reach without friction::
 
     v+ = soft(s, dt a_c) / (1 + dt (w_v (1 + w_i dt) + b)),     soft(s, c) = sign(s) max(|s| - c, 0)
 
 so sticking is exact (v+ = 0, no creep) and the velocity loop is stable at any step size. Position and reference are
-those at the start of the step: one of them at its end would shift the motion by a whole step. a_c is Coulomb = static
-friction.
+both those at the start of the step: one of them at its end would shift the motion by a whole step. a_c is the Coulomb
+friction, and equals the static friction.
 """
 
 from __future__ import annotations
@@ -106,8 +106,8 @@ def servo_steps(
 
     Args:
         x, v, i: position, velocity, integral of the velocity error [rad, rad/s, rad] or [m, m/s, m].
-        r, rate: reference and its rate at the start [rad, rad/s] or [m, m/s]; the reference moves on with its rate.
-        push: velocity the load adds per inner step, a_load dt [rad/s] or [m/s].
+        r, rate: reference and its rate at the start [rad, rad/s] or [m, m/s]; it is extrapolated with its rate.
+        push: velocity that the load adds per inner step, a_load dt [rad/s] or [m/s].
         gains: coefficients of an inner step.
         m: numpy, or scalar functions of the same names.
 
@@ -127,7 +127,7 @@ def servo_steps(
 
 
 class ServoCore(BatchBlock):
-    """Cascaded servo with sticking friction, without load: contact is a small disturbance to a stiff drive (Sec. 2.1).
+    """Cascaded servo with static friction, without load: contact hardly disturbs a stiff drive (Sec. 2.1).
 
     ```
     name: ServoCore
@@ -193,7 +193,7 @@ class ServoCore(BatchBlock):
 
 
 class Servo(PythonDiagram):
-    """`ServoCore` with its state taken apart.
+    """`ServoCore` with its state split into position and velocity.
 
     ```
     name: Servo
@@ -225,30 +225,40 @@ class Servo(PythonDiagram):
 class ServoConfig(Config, in_batches=True):
     """Scenario part `servo`. `ideal: true` leaves the servo out: the drive follows the filtered reference exactly."""
 
-    ideal: bool = key(False, "true: the drive follows the filtered reference exactly")
-    position_gain: float = key(25.0, "of the position loop", unit="1/s", bounds="from 0.001 to 100000", each=True)
-    velocity_gain: float = key(200.0, "of the velocity loop", unit="1/s", bounds="from 0.01 to 10000", each=True)
-    integral_gain: float = key(15.0, "of the velocity loop", unit="1/s", bounds="from 0 to 10000", each=True)
+    ideal: bool = key(False, "true: the drive follows the filtered reference exactly; false: it has servo loops")
+    position_gain: float = key(
+        25.0, "gain K_v of the position loop", unit="1/s", bounds="from 0.001 to 100000", each=True
+    )
+    velocity_gain: float = key(
+        200.0, "gain w_v of the velocity loop", unit="1/s", bounds="from 0.01 to 10000", each=True
+    )
+    integral_gain: float = key(
+        15.0, "integral gain w_i of the velocity loop; 0: none", unit="1/s", bounds="from 0 to 10000", each=True
+    )
     coulomb_friction: float = key(
-        1.6, "along the pressed direction (OneDimensional, Kinematic)", unit="m/s^2", bounds="from 0 to 100", each=True
+        1.6,
+        "Coulomb friction along the pressed direction, as a deceleration (OneDimensional, Kinematic)",
+        unit="m/s^2",
+        bounds="from 0 to 100",
+        each=True,
     )
     friction_scale: float = key(
         1.0, "factor on the joint friction of the control parameters (Multibody)", unit="1", bounds="from 0 to 20"
     )
     tuned_for: str = key(
         "axes",
-        "what the velocity loops of the joints are tuned for: the inertia in the control parameters, or that of the "
-        "rotors alone (Multibody)",
+        "inertia that the velocity loops of the joints are tuned for: that in the control parameters (axes), or that "
+        "of the rotors alone (rotors); Multibody",
         choices=("axes", "rotors"),
     )
-    substeps: int = key(4, "inner steps per control tick, each at most 0.5 ms", bounds="from 1 to 100")
+    substeps: int = key(4, "inner steps of the servo per control tick, each at most 0.5 ms", bounds="from 1 to 100")
 
     def gains(self, rotor_inertia: Vector, loop_inertia: Vector) -> ServoGains:
-        """Gains of each drive on its rotor.
+        """Gains of each drive with respect to the inertia of its rotor.
 
         Args:
             rotor_inertia: at the joints (n,) [kg m2].
-            loop_inertia: what the loops are tuned for (n,) [kg m2]; empty if not known, which is to say the rotors.
+            loop_inertia: inertia that the loops are tuned for (n,) [kg m2]; empty: that of the rotors.
         """
         known = self.tuned_for == "axes" and loop_inertia.size > 0
         ratio = loop_inertia / rotor_inertia if known else np.ones(len(rotor_inertia))
@@ -260,7 +270,7 @@ class ServoConfig(Config, in_batches=True):
             return state_space(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((2, 0)), np.eye(2), period)
         gains = ServoGains(self.position_gain, self.velocity_gain, self.integral_gain)
         inner = step_coefficients(gains, 0.0, 0.0, period / self.substeps)
-        # Without friction a tick is linear: the columns are what a unit of each state and input makes of it.
+        # Without friction a tick is linear: the columns are its responses to a unit of each state and input.
         x, v, i, r, rate = np.eye(5)
         moved = np.array(servo_steps(x, v, i, r, rate, 0.0, inner, self.substeps))
         return state_space(moved[:, :3], moved[:, 3:], np.eye(2, 3), np.zeros((2, 2)), period)

@@ -1,22 +1,22 @@
-"""The drives of a robot with elastic joints and torque sensors: they take torques instead of positions::
+"""The drives of a robot with elastic joints and torque sensors, commanded with torques instead of positions::
 
     B phi'' = tau_m - S^-T tau_spring - tau_F,    tau_F = b phi' + c sign(phi')
     tau_m   = sat(S^-T (tau_bar + k (tau_bar - tau_spring)) + tau_F_hat)
     tau_F_hat' = w_F (tau_m - S^-T tau_spring - B phi'' - tau_F_hat)
 
-tau_bar is the torque command, tau_spring what the sensors in the joints measure, k the gain of the torque loop, w_F the
-bandwidth of the observer that sees in the motor's own motion what friction takes. Below the limits of the motors this
-is a drive with 1/(1 + k) of the inertia and of the friction, and of the latter only what the observer has not seen yet:
+tau_bar is the torque command, tau_spring the torque measured by the sensors in the joints, k the gain of the torque
+loop, and w_F the bandwidth of the observer that estimates the friction from the motor's own motion. Below the limits of
+the motors this is a drive with 1/(1 + k) of the inertia and of the friction that the observer has not yet compensated:
 
     B/(1 + k) phi'' = S^-T (tau_bar - tau_spring) - (tau_F - tau_F_hat)/(1 + k)
 
-A stuck drive is loaded with w_F (1 + k) times the error of the torque per second, until it moves: at rest the springs
+The torque on a stuck drive grows by w_F (1 + k) times the torque error per second until it moves: at rest the springs
 have the commanded torque. phi, S and B as in `forcectl.plant.drives.motors`. The torques are held over a step, which
 is implicit in the friction:
 
     v+ = soft(v + dt/B (tau_m - S^-T tau_spring), dt c/B) / (1 + dt b/B),    phi+ = phi + dt v+
 
-so sticking is exact. Sensors of torque and speed are taken for exact.
+so sticking is exact. Sensors of torque and speed are assumed to be exact.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from forcectl.plant.drives.motors import Motors
 
 
 class TorqueDrive(PythonDiagram):
-    """Torque loop, motor inertia and sticking friction of n axes.
+    """Torque loop, motor inertia and static friction of n axes.
 
     ```
     name: TorqueDrive
@@ -42,12 +42,12 @@ class TorqueDrive(PythonDiagram):
     ```
 
     torque_command: shape (n,), tau_bar at the joints [Nm].
-    spring_torque: shape (n,), torque of the joint springs on the links [Nm]; the motors feel the opposite.
+    spring_torque: shape (n,), torque of the joint springs on the links [Nm]; on the motors it acts with minus sign.
     motor_state: shape (2n,), q_m and its rate [rad, rad/s]: the desired state of the joint springs. State.
     motor_position, motor_velocity: its halves [rad, rad/s]. State.
     motor_torque: shape (n,), tau_m of the motors, times their gear ratios [Nm]. Feedthrough of both inputs.
 
-    Sampling: every `period` [s]; torques held over it.
+    Sampling: every `period` [s]; torques are held over it.
 
     Args:
         inertia: B, shape (n,) [kg m^2].

@@ -32,14 +32,17 @@ _WITHOUT_VALUE = ("nan", "inf", "frozen", "lost")
 class ForceFaultConfig(Config):
     """A fault of a force sensor; it acts on `measured_force`, behind the filter."""
 
-    kind: str = key("frozen", "what happens to the readings", choices=KINDS)
+    kind: str = key("frozen", "what the fault does to the measured force", choices=KINDS)
     value: float = key(
         0.0,
-        "reading (value) [N], factor (scale) [1], deviation per tick (noise) [N], or largest delay (jitter) [s]",
+        "by kind: force that is reported (value) [N], factor on the force (scale) [1], standard deviation of the "
+        "noise per tick (noise) [N], or largest delay (jitter) [s]",
         bounds="finite",
     )
-    start: float = key(0.0, "of the fault", unit="s", bounds="not negative")
-    duration: float = key(math.inf, "of the fault", unit="s", bounds="positive or infinite")
+    start: float = key(0.0, "time at which the fault begins", unit="s", bounds="not negative")
+    duration: float = key(
+        math.inf, "how long the fault lasts; infinite: to the end", unit="s", bounds="positive or infinite"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

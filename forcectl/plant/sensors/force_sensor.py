@@ -298,23 +298,41 @@ class ForceSensor(PythonDiagram):
 
 @dataclass(kw_only=True)
 class ForceSensorConfig(Config, in_batches=True):
-    """Parameters of a force sensor. Force values; torque channels use the same numbers times `torque_ratio`."""
+    """Parameters of a force sensor, for its force channels; torque channels use them times `torque_ratio`."""
 
-    bandwidth: float = key(12.6, "w of the filter", unit="rad/s", bounds="from 0.1 to 1e+06")
-    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="from 0.01 to 10")
+    bandwidth: float = key(12.6, "bandwidth w of the sensor's filter", unit="rad/s", bounds="from 0.1 to 1e+06")
+    damping_ratio: float = key(1.0, "damping ratio z of the sensor's filter", unit="1", bounds="from 0.01 to 10")
     noise_std: float = key(
-        0.05, "standard deviation per sample, before the filter", unit="N", bounds="not negative", each=True
+        0.05,
+        "standard deviation of the force noise per sample, before the filter",
+        unit="N",
+        bounds="not negative",
+        each=True,
     )
-    quantum: float = key(0.05, "step of the readings; 0: none", unit="N", bounds="not negative", each=True)
-    bias: float = key(0.0, "offset of the readings", unit="N", each=True)
-    drift: float = key(0.0, "rate of the zero, of a sensor that warms up", unit="N/s", each=True)
-    tare: bool = key(True, "true: the first reading becomes zero")
+    quantum: float = key(
+        0.05, "quantisation step of the force; 0: not quantised", unit="N", bounds="not negative", each=True
+    )
+    bias: float = key(0.0, "constant offset of the measured force", unit="N", each=True)
+    drift: float = key(0.0, "rate at which the sensor's zero drifts, as while it warms up", unit="N/s", each=True)
+    tare: bool = key(True, "true: the sensor is tared, so that its first reading, without noise, is zero")
     delay: float = key(
-        0.0, "transport delay, whole control ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
+        0.0,
+        "transport delay of the measured force, a whole number of control ticks",
+        unit="s",
+        bounds=f"not negative, at most {LONGEST_DELAY:g}",
     )
-    range: float = key(400.0, "largest force that can be read", unit="N", bounds="positive or infinite", each=True)
+    range: float = key(
+        400.0,
+        "largest force that can be measured, in magnitude; infinite: no saturation",
+        unit="N",
+        bounds="positive or infinite",
+        each=True,
+    )
     torque_ratio: float = key(
-        0.05, "torque noise, quantum and range relative to force", unit="m", bounds="from 0.0001 to 10"
+        0.05,
+        "noise, quantum, bias, drift and range of the torque channels, relative to those of the force channels",
+        unit="m",
+        bounds="from 0.0001 to 10",
     )
 
     def __post_init__(self) -> None:

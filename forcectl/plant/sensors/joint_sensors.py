@@ -64,10 +64,10 @@ class ReadingFault:
 class ReadingFaultConfig(Config):
     """Scenario part `!ReadingFault`: the readings of one joint or all are wrong for a while."""
 
-    kind: str = key("nan", "what happens to the readings", choices=FAULTS)
-    joint: str = key("", "by name; empty: all joints")
-    start: float = key(0.0, "of the fault", unit="s", bounds="not negative")
-    duration: float = key(0.1, "of the fault", unit="s", bounds="positive")
+    kind: str = key("nan", "what the fault does to the joint readings", choices=FAULTS)
+    joint: str = key("", "name of the joint whose readings are wrong; empty: all joints")
+    start: float = key(0.0, "time at which the fault begins", unit="s", bounds="not negative")
+    duration: float = key(0.1, "how long the fault lasts", unit="s", bounds="positive")
 
     @property
     def end(self) -> float:

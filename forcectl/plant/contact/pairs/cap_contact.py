@@ -45,21 +45,30 @@ class CapOnMountConfig(Config):
 
     mount: str = key(meaning="name of the part with the feet")
     cap: str = key(meaning="name of the part with the face")
-    tip: str = key("tip", "frame of the mount, in the middle of its feet, z backwards")
-    mouth: str = key("mouth", "frame of the cap, in the middle of its face, z out of it")
-    radius: float = key(12e-3, "r of the feet from the axis", unit="m", bounds="positive")
-    stiffness: float = key(1450.0, "K, along the axis, of all that is between the arms", unit="N/m", bounds="positive")
-    feet: int = key(3, "n", bounds="from 3 to 24")
-    foot_stiffness: float = key(2e4, "k, of each foot on the face; above K/n", unit="N/m", bounds="positive")
-    damping: float = key(0.0, "D", unit="N s/m", bounds="not negative, at most 100000")
-    friction: float = key(0.15, "Coulomb's", bounds="not negative and at most 2")
-    waves: int = key(9, "N, waves of the face in a turn; a multiple of n lifts all feet alike", bounds="from 0 to 1000")
-    waviness: float = key(0.05e-3, "A, height of the waves", unit="m", bounds="not negative")
-    lock_deg: float = key(
-        45.0, "angle of the mount in the cap from which on the lock turns back", unit="deg", bounds="from -170 to 170"
+    tip: str = key("tip", "frame of the mount in the middle of its feet, z pointing into the mount")
+    mouth: str = key("mouth", "frame of the cap in the middle of its face, z pointing out of the cap")
+    radius: float = key(12e-3, "distance r of the feet from the axis", unit="m", bounds="positive")
+    stiffness: float = key(
+        1450.0, "stiffness K along the axis of all that is between the arms", unit="N/m", bounds="positive"
     )
-    lock_stiffness: float = key(5.0, "of the lock, against turning on", unit="Nm/rad", bounds="not negative")
-    lock_torque: float = key(0.6, "with which the lock gives way", unit="Nm", bounds="positive")
+    feet: int = key(3, "number n of feet", bounds="from 3 to 24")
+    foot_stiffness: float = key(2e4, "stiffness k of each foot on the face; above K/n", unit="N/m", bounds="positive")
+    damping: float = key(0.0, "damping D of all feet together", unit="N s/m", bounds="not negative, at most 100000")
+    friction: float = key(0.15, "Coulomb friction coefficient of the feet", bounds="not negative and at most 2")
+    waves: int = key(
+        9, "number N of waves of the face per turn; a multiple of n lifts all feet alike", bounds="from 0 to 1000"
+    )
+    waviness: float = key(0.05e-3, "amplitude A of the waves of the face", unit="m", bounds="not negative")
+    lock_deg: float = key(
+        45.0,
+        "angle of the mount in the cap, beyond which the lock acts as a torsional spring",
+        unit="deg",
+        bounds="from -170 to 170",
+    )
+    lock_stiffness: float = key(
+        5.0, "torsional stiffness of the lock against further turning", unit="Nm/rad", bounds="not negative"
+    )
+    lock_torque: float = key(0.6, "largest torque of the lock, with which it gives way", unit="Nm", bounds="positive")
 
     roles: ClassVar[tuple[str, str]] = ("mount", "cap")
 

@@ -32,10 +32,10 @@ _NEAR = 0.02  # [m] of the tip above the mouth, below which contact is looked fo
 class InsertionConfig(PegInBoreConfig):
     """Scenario part `!PegInBore`: the contact of two `!Part`s by `PegContact`, in place of that of their shapes."""
 
-    peg: str = key(meaning="name of the part that goes in")
+    peg: str = key(meaning="name of the part that is inserted")
     bore: str = key(meaning="name of the part with the bore")
-    tip: str = key("tip", "frame of the peg, in its front face, z backwards")
-    mouth: str = key("mouth", "frame of the other part, in the opening, z out of it")
+    tip: str = key("tip", "frame of the peg in its front face, z pointing into the peg")
+    mouth: str = key("mouth", "frame of the part with the bore, in its opening, z pointing out of the bore")
 
     roles: ClassVar[tuple[str, str]] = ("peg", "bore")
 

@@ -50,18 +50,24 @@ _LEVERS = _levers()
 class PegInBoreConfig(Config):
     """Sizes and coefficients of a peg and a bore; the defaults are those of `models/parts`."""
 
-    bore_radius: float = key(12.85e-3, "of the bore; that of the peg is clearance less", unit="m", bounds=_WIDE)
-    chamfer: float = key(4e-3, "of the mouth, radially and along the axis", unit="m", bounds=_WIDE)
-    depth: float = key(96e-3, "from the mouth to the floor", unit="m", bounds=_LONG)
-    clearance: float = key(0.5e-3, "in radius, from which the peg's follows", unit="m", bounds="not negative")
-    rim_radius: float = key(18.5e-3, "outside of the bore's part", unit="m", bounds=_WIDE)
-    floor_thickness: float = key(20e-3, "of the bore's part", unit="m", bounds=_LONG)
-    length: float = key(110e-3, "of the peg", unit="m", bounds=_LONG)
-    taper_length: float = key(8e-3, "of the peg's tip", unit="m", bounds=_LONG)
-    taper_radius: float = key(5e-3, "by which the peg's tip is narrower", unit="m", bounds="positive")
-    stiffness: float = key(2e5, "K of a ring", unit="N/m", bounds="positive")
-    damping: float = key(100.0, "D of a ring", unit="N s/m", bounds="not negative, at most 100000")
-    friction: float = key(0.15, "Coulomb's", bounds="not negative and at most 2")
+    bore_radius: float = key(
+        12.85e-3, "radius of the bore; that of the peg is smaller by `clearance`", unit="m", bounds=_WIDE
+    )
+    chamfer: float = key(4e-3, "size of the mouth's chamfer, radially and along the axis", unit="m", bounds=_WIDE)
+    depth: float = key(96e-3, "depth of the bore from its mouth to its floor", unit="m", bounds=_LONG)
+    clearance: float = key(0.5e-3, "radius of the bore minus that of the peg", unit="m", bounds="not negative")
+    rim_radius: float = key(18.5e-3, "outer radius of the part with the bore", unit="m", bounds=_WIDE)
+    floor_thickness: float = key(20e-3, "thickness of the floor of the bore", unit="m", bounds=_LONG)
+    length: float = key(110e-3, "length of the peg", unit="m", bounds=_LONG)
+    taper_length: float = key(8e-3, "length of the taper at the peg's tip", unit="m", bounds=_LONG)
+    taper_radius: float = key(5e-3, "radius of the peg minus that of its tip", unit="m", bounds="positive")
+    stiffness: float = key(2e5, "stiffness K of a ring of contact points", unit="N/m", bounds="positive")
+    damping: float = key(
+        100.0, "damping D of a ring of contact points", unit="N s/m", bounds="not negative, at most 100000"
+    )
+    friction: float = key(
+        0.15, "Coulomb friction coefficient between peg and bore", bounds="not negative and at most 2"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
