@@ -3,7 +3,7 @@
     C_T(q) = n'(C_J(q) + C_L(q)) n + C_E,   C_J = J diag(1/k) J',   C_L = sum_i Ad_i C_i Ad_i'        (2.7)
 
 J is the Jacobian of the TCP in the world W, k the joint stiffness; C_i is the compliance of link i at a frame of it,
-diagonal in that frame's axes, and Ad_i carries small motions of that frame to the TCP. That of a uniform beam is
+diagonal in that frame's axes, and Ad_i maps small motions of that frame to the TCP. The compliance of a uniform beam is
 diagonal at its middle: rotations L/EI and L/GJ, translations L^3/(12 EI) and L/EA.
 
 Order of six-vectors: the thesis writes (translation, rotation), n = [n_t; 0]; Drake and this file write
@@ -28,13 +28,13 @@ def joint_compliance(J: Array, stiffness: Array) -> Array:
 
     Args:
         J: J_WT, shape (6, n), rotations above translations.
-        stiffness: k, shape (n,) [Nm/rad], > 0; infinite is rigid.
+        stiffness: k, shape (n,) [Nm/rad], > 0; infinite for rigid joints.
     """
     return (J / stiffness) @ J.T
 
 
 def motion_to_tcp(X_WD: RigidTransform, p_WT: Array) -> Array:
-    """Ad: small motion of frame D, in D's axes, to that of the TCP fixed to D, in W; both [rotation; translation].
+    """Ad: from a small motion of frame D, in D's axes, to that of the TCP fixed to D, in W; [rotation; translation].
 
     Args:
         X_WD: pose of D in W.

@@ -3,7 +3,7 @@
     dx = n'(p(q) - p(q_0))                                                                         (2.1)
     C_R = n'(C_J(q) + C_L(q)) n                                                                    (2.7)
 
-with q the motor positions: dx is what a rigid robot would move, the motor side of (2.8).
+with q the motor positions: dx is the displacement that a rigid robot would have, on the motor side of (2.8).
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class TipDisplacement(PythonBlock):
 
         dx = dx_s + n'J(q_s) (q - q_s)
 
-    with the posture q_s of the last renewal: in between, the path of the tool is followed by its tangent. What that
-    leaves out is about (speed * period)^2/2 per metre of arm, 0.08 um at 20 mm/s and 20 ms. Without renewals the path
-    is followed itself: for a signal that is seldom read.
+    with the posture q_s of the last renewal: in between, the path of the tool is replaced by its tangent. The error is
+    about (speed * period)^2/2 per metre of arm, 0.08 um at 20 mm/s and 20 ms. Without renewals the displacement is
+    exact: for a signal that is seldom read.
 
     ```
     name: TipDisplacement
@@ -48,7 +48,7 @@ class TipDisplacement(PythonBlock):
     motor_position: shape (n_q,) [rad].
     displacement: shape (1,), dx of (2.1) as above [m]: exact at the renewals, or without them. Feedthrough.
 
-    Sampling: every `period` [s] the tangent, if the posture has changed; None: no state.
+    Sampling: every `period` [s] the tangent, if the posture has changed; None: no renewals and no state.
 
     Args:
         robot: kinematics.
@@ -68,7 +68,7 @@ class TipDisplacement(PythonBlock):
         if period is None:
             self.DeclareVectorOutputPort("displacement", 1, self._exact, prerequisites_of_calc={self._posture.ticket()})
             return
-        # n'J, then the displacement it would have at q = 0.
+        # State: n'J, then the displacement extrapolated to q = 0.
         self._tangent = self.DeclareDiscreteState(self._at(context, start))
         self._taken_at = self.DeclareDiscreteState(start)
         self.DeclareVectorOutputPort(
@@ -143,7 +143,7 @@ class LinkPosition(PythonBlock):
 
 
 class ForceToWrench(PythonBlock):
-    """The wrench a wrist sensor would show for a force along n at the tool centre point.
+    """The wrench that a wrist sensor would measure for a force along n at the tool centre point.
 
     ```
     name: ForceToWrench

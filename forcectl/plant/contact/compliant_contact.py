@@ -7,15 +7,16 @@ compliance n'(C_J + C_L)n of the robot. The damper makes z a state; a backward E
 
     z+ = (C_R D_E z/h - dx)/(1 + C_R (K_E + D_E/h)),    F = K_E z+ + D_E (z+ - z)/h
 
-which is exact for D_E = 0 and needs no special case for C_R = 0. When F would pull, the contact is lost: F = 0 and the
-environment relaxes by itself.
+which is exact for D_E = 0 and needs no special case for C_R = 0. When F would be negative, the contact is lost: F = 0
+and the environment relaxes freely.
 
 In place of the damper the environment may have the dissipation of Hunt and Crossley, "Coefficient of restitution
 interpreted as damping in vibroimpact", J. Applied Mechanics 42 (1975), with the exponent 1::
 
     F = K_E z (1 + d_E z')
 
-Its force neither jumps at the first touch nor pulls when the contact ends. The same step solves a quadratic equation.
+The force is continuous at first contact and never negative when the contact ends. The step then solves a quadratic
+equation.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from forcectl.plant.contact.surface import SurfaceConfig
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-_TINY = 1e-300  # in place of a zero below a fraction that is not used
+_TINY = 1e-300  # replaces a zero denominator of a fraction that is not used
 
 
 def elastic_force(dx: BatchValue, stiffness: BatchValue, m: Any = np) -> BatchValue:
@@ -106,7 +107,7 @@ def dissipative_contact(
 
 
 def contact_response(stiffness: float, damping: float, robot_compliance: float, period: float) -> StateSpace:
-    """The damped contact while it lasts, from [dx, dx'] to F at the same tick; it takes dx' from dx.
+    """The damped contact without loss, from [dx, dx'] to F at the same tick; dx' is not used but derived from dx.
 
     Args:
         stiffness: K_E [N/m].
@@ -123,7 +124,7 @@ def contact_response(stiffness: float, damping: float, robot_compliance: float, 
 
 
 class CompliantContact(BatchBlock):
-    """Contact force of a compliant surface on a robot of known compliance.
+    """Contact force of a compliant surface on a robot of given compliance.
 
     ```
     name: CompliantContact
@@ -133,7 +134,7 @@ class CompliantContact(BatchBlock):
     ```
 
     displacement: shape (n,), dx along n from the undeformed surface, motor side [m]; pressing is negative.
-    surface_stiffness, surface_damping: shape (n,), K_E > 0 and D_E >= 0 of the place [N/m, N s/m]; the ports exist
+    surface_stiffness, surface_damping: shape (n,), K_E > 0 and D_E >= 0 where the tool is [N/m, N s/m]; the ports exist
     when `stiffness` or `damping` is None.
     contact_force: shape (n,), >= 0 [N]. Feedthrough of all inputs.
 
@@ -195,7 +196,7 @@ class CompliantContact(BatchBlock):
         return self.batch_value(self._displacement.Eval(context)), None
 
     def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
-        """(K_E, D_E/h or d_E/h, C_R, 1/C_T); None where it is no parameter."""
+        """(K_E, D_E/h or d_E/h, C_R, 1/C_T); None for those that are not parameters."""
         named = dict(zip(self.parameter_names, values, strict=True))
         rate = named.get("damping", named.get("dissipation", 0.0)) / self._period
         stiffness, compliance, total = named.get("stiffness"), named.get("robot_compliance"), None
@@ -271,7 +272,7 @@ class LinearContact(PythonDiagram):
 
 @dataclass(kw_only=True)
 class EnvironmentConfig(Config, in_batches=True):
-    """Scenario part `environment: !Surface`: a compliant surface that the tool of an arm presses on."""
+    """Scenario part `environment: !Surface`: a surface that an arm's tool presses on, touching at the start or not."""
 
     arm: str = key("", "name of the arm whose tool presses; empty: the first")
     normal: list[float] = key(
@@ -330,11 +331,11 @@ class EnvironmentConfig(Config, in_batches=True):
 
     @property
     def own_block(self) -> bool:
-        """Whether a subclass has an `add_to` of its own, whose block makes the force on every fidelity."""
+        """Whether a subclass has its own `add_to`, whose block computes the force in every fidelity."""
         return type(self).add_to is not EnvironmentConfig.add_to
 
     def check_own_block(self) -> None:
-        """BadInputError for what the block of a subclass cannot be in a multibody plant."""
+        """Raise BadInputError for settings that the block of a subclass cannot model in a multibody plant."""
         why = "where add_to is one's own: its block is a force along the normal"
         if self.friction:
             raise invalid("friction", self.friction, f"0 {why}")
@@ -355,7 +356,7 @@ class EnvironmentConfig(Config, in_batches=True):
         return self.damping if self.surface.materials is None else min(self.surface.materials.path().damping)
 
     def stiffnesses(self) -> dict[str, float]:
-        """K_E that the scenario names [N/m], by key."""
+        """Each K_E given in the scenario [N/m], by key."""
         materials = self.surface.materials
         if materials is None:
             return {"stiffness": self.stiffness}
@@ -363,7 +364,7 @@ class EnvironmentConfig(Config, in_batches=True):
         return {f"surface.materials.segments.{i}.stiffness": each.environment_stiffness for i, each in segments}
 
     def sampled_response(self, stiffness: float, robot_compliance: float, period: float) -> StateSpace:
-        """From [dx, dx'] to the force of the contact while it lasts, for another K_E [N/m]; see `contact_response`."""
+        """From [dx, dx'] to the force, without contact loss, for another K_E [N/m]; see `contact_response`."""
         if self.one_sided:
             return contact_response(stiffness, self.least_damping, robot_compliance, period)
         gain = [[-stiffness / (1 + robot_compliance * stiffness), -self.damping]]

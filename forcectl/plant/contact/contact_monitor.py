@@ -16,14 +16,14 @@ from forcectl.framework.sampled_block import Memory, SampledBatch
 
 
 class ContactMode(IntEnum):
-    """Where a contact stands; the numbers are those of the port `contact_state`."""
+    """Mode of a contact; the numbers are the values of the port `contact_state`."""
 
     APPROACH = 0
     CONTACT = 1
     LOST = 2
 
 
-CONTACT_FORCE = 1e-9  # [N] from here on it is contact and not rounding
+CONTACT_FORCE = 1e-9  # [N] smallest force that counts as contact and not as rounding
 _CONTACT, _LOST = float(ContactMode.CONTACT), float(ContactMode.LOST)
 
 
@@ -34,7 +34,7 @@ def next_mode(mode: BatchValue, force: BatchValue, threshold: BatchValue, m: Any
 
 
 class ContactMonitor(SampledBatch):
-    """Keeps the contact mode of a batch of n and counts the losses.
+    """Contact mode of a batch of n contacts, and the count of their losses.
 
     ```
     name: ContactMonitor
@@ -46,9 +46,9 @@ class ContactMonitor(SampledBatch):
     contact_state: shape (n,), see `ContactMode` [1]. contact_losses: shape (n,), how many so far [1].
     All outputs are state, no direct feedthrough.
 
-    There is contact while the force exceeds `threshold` [N].
+    Contact begins when the force exceeds `threshold` [N] and is lost when the force is no longer positive.
 
-    Sampling: every `period` [s]; the outputs change one tick after the force they are from.
+    Sampling: every `period` [s]; the outputs change one tick after the force.
     """
 
     port_meanings: ClassVar = {"contact_state": tuple(mode.name.lower() for mode in ContactMode)}

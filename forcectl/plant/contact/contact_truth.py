@@ -1,6 +1,6 @@
-"""What bodies really do to each other where they touch, whichever model of contact computes it.
+"""True contact wrenches between bodies, for every contact model.
 
-A point contact has a force at a point. A hydroelastic contact has a surface of pressure, and Drake its resultant
+A point contact has a force at a point. A hydroelastic contact has a surface of pressure; Drake computes its resultant
 (torque and force) at the centroid of that surface. Both are here wrenches [torque; force] in the world [Nm, N].
 """
 
@@ -29,7 +29,7 @@ class BodyContact(NamedTuple):
     Attributes:
         body_a, body_b: indices of the bodies.
         point: where it acts, in the world, shape (3,) [m].
-        wrench: on body B at this point in the world, shape (6,); on body A its opposite [Nm, N].
+        wrench: on body B at this point in the world, shape (6,); on body A with minus sign [Nm, N].
     """
 
     body_a: int
@@ -48,14 +48,14 @@ class ContactReader:
     def __init__(self, plant: MultibodyPlant):
         bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
         self._body_of = {
-            geometry.get_value(): int(body.index())  # the identifier itself would keep the plant
+            geometry.get_value(): int(body.index())  # the identifier itself would keep the plant alive
             for body in bodies
             if plant.geometry_source_is_registered()
             for geometry in plant.GetCollisionGeometriesForBody(body)
         }
 
     def read(self, results: ContactResults) -> Iterator[BodyContact]:
-        """Every contact, of points and of surfaces."""
+        """All contacts, point contacts and hydroelastic ones."""
         for i in range(results.num_point_pair_contacts()):
             pair = results.point_pair_contact_info(i)
             wrench = np.concatenate([np.zeros(3), pair.contact_force()])
@@ -68,11 +68,11 @@ class ContactReader:
 
 
 class ContactPairs:
-    """Inputs `contact_pair_1` and so on of a block: contacts that are no part of a plant's contact results.
+    """Inputs `contact_pair_1` and so on of a block: contacts that are not in a plant's contact results.
 
     Args:
-        block: that has them.
-        count: of inputs.
+        block: where the inputs are declared.
+        count: number of inputs.
     """
 
     def __init__(self, block: LeafSystem, count: int):
@@ -81,12 +81,12 @@ class ContactPairs:
         self.tickets = {port.ticket() for port in self._ports}
 
     def read(self, context: Context) -> list[BodyContact]:
-        """All of them."""
+        """Contacts of all inputs."""
         return [contact for port in self._ports for contact in port.Eval(context)]
 
 
 def applied_force(body: BodyIndex, place: Array, wrench: Array) -> ExternallyAppliedSpatialForce:
-    """What a plant takes for a wrench [torque; force] in the world on a body, at a place in its frame [Nm, N], [m]."""
+    """A wrench [torque; force] in the world on a body, at a point in its frame, as input of a plant [Nm, N], [m]."""
     applied = ExternallyAppliedSpatialForce()
     applied.body_index, applied.p_BoBq_B = body, place
     applied.F_Bq_W = SpatialForce(wrench[:3], wrench[3:])
@@ -100,8 +100,8 @@ def wrench_between(
 
     Args:
         contacts: of a plant.
-        on: indices of the bodies that are acted on.
-        by: of those that act; None: all that are not in `on`.
+        on: indices of the bodies on which the wrenches act.
+        by: indices of the bodies that exert them; None: all that are not in `on`.
         point: reference of the torque, in the world, shape (3,) [m].
 
     Returns:
@@ -122,7 +122,7 @@ def bodies_named(plant: MultibodyPlant, names: Sequence[str], key: str) -> froze
     Args:
         plant: finalized.
         names: of bodies and model instances.
-        key: that gave them, for messages.
+        key: key that named them, for error messages.
 
     Raises:
         BadInputError: there is none of that name, or several.
@@ -159,7 +159,7 @@ def _place(name: str, known: list[tuple[str, str]], key: str) -> int:
 
 
 class ContactWrench(PythonBlock):
-    """Wrench that some bodies of a plant exert on others where they touch, in the axes of a frame.
+    """Contact wrench that some bodies of a plant exert on others, in the axes of a frame.
 
     ```
     name: ContactWrench
@@ -176,10 +176,10 @@ class ContactWrench(PythonBlock):
 
     Args:
         plant: finalized.
-        on: indices of the bodies that are acted on.
-        by: of those that act; None: all others.
+        on: indices of the bodies on which the wrench acts.
+        by: indices of the bodies that exert it; None: all others.
         frame: of the plant.
-        pairs: number of contacts that are not the plant's own.
+        pairs: number of contacts that the plant does not compute itself, each with an input.
     """
 
     def __init__(

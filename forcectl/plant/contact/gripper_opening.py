@@ -1,4 +1,4 @@
-"""Which parts the grippers of a robot hold, over time."""
+"""Grippers of a robot that take, hold and release parts over time."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from forcectl.framework.batch import check
 from forcectl.framework.block import PythonBlock
 from forcectl.plant.contact.part import GraspConfig
 
-_FASTEST = 1e3  # [m/s, rad/s] of a free part
-_AHEAD = 1.0  # [m, rad] that it moves within a tick, and more
-_ROUNDING = 1e-9  # [s] of the times of ticks
+_FASTEST = 1e3  # [m/s, rad/s] largest speed of a free part
+_AHEAD = 1.0  # [m, rad] more than a part moves within a tick
+_ROUNDING = 1e-9  # [s] rounding error of the times of ticks
 SPRINGS = 6  # of a grasp: along and about the axes of the TCP; each has two actuators
 
 
@@ -35,17 +35,17 @@ class Grasp:
 
 
 def turned_by(angles: Array) -> float:
-    """Angle of turns about x, then the y so turned, then the z, shape (3,) [rad]."""
+    """Total rotation angle of rotations about x, then the turned y, then the turned z, shape (3,) [rad]."""
     (sa, sb, sc), (ca, cb, cc) = np.sin(angles), np.cos(angles)
     trace = cb * cc + ca * cc - sa * sb * sc + ca * cb
     return float(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)))
 
 
 def far_enough(config: GraspConfig) -> Array:
-    """How far from the part the actuators of an open grasp stay at their limits, shape (6,) [m, rad].
+    """Distance of the desired positions from the part that saturates the actuators of an open grasp, (6,) [m, rad].
 
-    Not farther: the contact solver adds up p times this distance, beside which the energies of light parts are lost in
-    rounding. With 1e6 m it did not converge for a tube of 15 g.
+    It is no larger than needed: the contact solver sums p times this distance, beside which the energies of light parts
+    are lost in rounding. With 1e6 m it did not converge for a tube of 15 g.
     """
     limit = np.array([*config.force_limit, *config.torque_limit])
     damping = np.array([*config.damping, *config.rotational_damping])
@@ -54,11 +54,11 @@ def far_enough(config: GraspConfig) -> Array:
 
 
 def desired_state(offset: Array, far: Array | float) -> Array:
-    """Of the actuators of a grasp, shape (24,): without speed, one of each pair ahead of the part and one behind it.
+    """Desired state of the actuators of a grasp, shape (24,): one of each pair ahead of the part, one behind, at rest.
 
     Args:
         offset: positions of the springs, shape (6,) [m, rad].
-        far: how far, see `far_enough`; 0: held there [m, rad].
+        far: distance from the part, see `far_enough`; 0: the part is held there [m, rad].
     """
     desired = np.zeros(4 * SPRINGS)
     desired[: 2 * SPRINGS] = np.column_stack([offset + far, offset - far]).ravel()
@@ -77,19 +77,19 @@ class GripperOpening(PythonBlock):
     gripper_command: shape (a,), of a arms, above 0.5 closed, else open [1]. Closed where it is not connected; a number
     that is not finite changes nothing.
     grasp_offset: shape (6h,), of h parts, positions of the springs of their grasps, each along and about the axes of
-    the TCP, zero where the part is meant to be in the hand [m, rad].
+    the TCP, zero at the intended pose in the hand [m, rad].
     part_released: shape (h,), 0 while a gripper holds the part, else 1 [1].
     gripper_holds: shape (a,), 1 where the gripper is closed and holds a part, else 0 [1].
     desired_state_1: shape (24,), of the actuators of the first part's grasp [m, rad, m/s, rad/s]; desired_state_2 of
-    the second, and so on. Those of an open grasp go along with the part.
+    the second, and so on. That of an open grasp follows the part.
     All outputs are state, no direct feedthrough.
 
-    A gripper that opens lets its parts go. One that closes takes the parts whose offset is within `reach` and
-    `reach_deg`, and holds them where they are: the springs are without force there. Otherwise it closes on nothing, and
-    takes no part before it has been open again. A part that is farther than `largest_offset` from where it was taken is
-    lost: it is free, while the gripper stays closed. From `released_at` on a part is free for good.
+    A gripper that opens releases its parts. One that closes grasps the parts whose offset is within `reach` and
+    `reach_deg`, and holds them where they are: there the spring forces are zero. Otherwise it closes empty, and has to
+    open again before it can grasp a part. A part farther than `largest_offset` from where it was grasped is lost: it is
+    free, while the gripper stays closed. From `released_at` on a part is free for good.
 
-    Sampling: every `period` [s]; what a command says is so from the next step of the plant on.
+    Sampling: every `period` [s]; a command takes effect from the next step of the plant on.
 
     Args:
         grasps: of the parts.

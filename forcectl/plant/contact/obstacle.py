@@ -11,9 +11,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
-LARGEST_STIFFNESS = 1e7  # [N/m] of the links where they touch something
-_SLOWEST = 10.0  # [s] damping over stiffness, in which what was pressed in comes out again
-_SKIN = 1e-3  # [m] at the surface of a box that does not count as its inside
+LARGEST_STIFFNESS = 1e7  # [N/m] contact stiffness of the links
+_SLOWEST = 10.0  # [s] largest damping over stiffness: time constant with which a deformation recovers
+_SKIN = 1e-3  # [m] layer at the surface of a box that does not count as its inside
 
 
 @dataclass(kw_only=True)

@@ -1,7 +1,7 @@
 """Scenario part `environment: !Part`: a model that is fixed to the world or held by an arm through a compliant grasp.
 
-A grasp holds with six springs and dampers between the TCP and the part, each as far as its limit: beyond it the fingers
-give way. While the gripper of the arm is open the part is free; how it is taken up again: see `GripperOpening`.
+A grasp consists of six springs and dampers between the TCP and the part, each up to its limit, beyond which the fingers
+give way. While the gripper of the arm is open the part is free; `GripperOpening` says how it is grasped again.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from forcectl.framework.fields import Config, key
 from forcectl.models import models_folder
 
 _FILES = (".urdf", ".sdf")
-_IN_HAND = 1.5  # [m] farther from the TCP nothing is held
+_IN_HAND = 1.5  # [m] largest distance of a held part from the TCP
 _TURN = "from -360 to 360"
-_NEAR = "from -3 to 3"  # [m] farther than any arm reaches
+_NEAR = "from -3 to 3"  # [m] beyond the reach of any arm
 
 
-# Springs of a grasp: stiffness, damping, and what is held at most.
+# Springs of a grasp: keys of stiffness, damping, and largest force or torque.
 _SPRINGS = (
     ("stiffness", "damping", "force_limit"),
     ("rotational_stiffness", "rotational_damping", "torque_limit"),
 )
-# [m], [rad] of the springs at their limits: a clamp gives way by 0.02 mm, rubber fingers by centimetres. Beyond are
-# slips of a thousand in a unit; so is damping over stiffness, of 1 to 50 ms, beyond the next line [s].
+# Deflection [m], [rad] of the springs at their limits: 0.02 mm for a clamp, centimetres for rubber fingers. A value
+# outside is probably in the wrong unit. Likewise damping over stiffness [s], usually 1 to 50 ms.
 _STRETCH = (1e-5, 0.3), (5e-4, 3.0)
 _SPENT = 1e-4, 1.0
-_TINY, _FLAT = 1e-4, 0.05  # [m], [deg] of a place in the hand
+_TINY, _FLAT = 1e-4, 0.05  # [m], [deg] smallest tolerances on a pose in the hand
 
 
 @dataclass(kw_only=True)
 class GraspConfig(Config):
-    """Springs of a grasp along and about the axes of the TCP; about x, then the y so turned, then the z."""
+    """Springs of a grasp along and about the axes of the TCP; rotations about x, the turned y, then the turned z."""
 
     stiffness: list[float] = key(
         [1000.0, 1000.0, 2000.0], "stiffness along each axis of the TCP", unit="N/m", bounds="positive", size=3
@@ -127,16 +127,16 @@ class MisplacementConfig(Config):
     )
     tilt_direction_deg: float | None = key(
         None,
-        "direction towards which the z axis is tilted, from the frame's x towards its y axis; null: drawn with the seed",
+        "direction towards which the z axis tilts, from the frame's x towards its y axis; null: drawn with the seed",
         unit="deg",
         bounds=_TURN,
     )
 
     def drawn(self, rng: np.random.Generator) -> RigidTransform:
-        """Pose of the frame as it is held in the frame as it is meant.
+        """Pose of the actual frame in the intended one.
 
         Args:
-            rng: of the directions that are not given.
+            rng: draws the directions that are not given.
         """
         drawn = rng.uniform(0.0, 360.0, 2)
         given = (self.direction_deg, self.tilt_direction_deg)
@@ -197,11 +197,11 @@ class PartConfig(Config):
 
     @property
     def hand(self) -> str:
-        """Name of the arm that holds the part at the start; "" of one that is fixed or lies somewhere."""
+        """Name of the arm that holds the part at the start; "" when no arm does."""
         return "" if self.lies_at else self.arm
 
     def occupies(self) -> tuple[object, ...]:
-        """What no other part of the environment has, too: its place in a hand, or as the same model in the world."""
+        """Key of its place, which no other part may have: its pose in a hand, or its model and pose in the world."""
         if self.hand:
             return "hand", self.hand, *self.position, *self.rotation_deg
         if self.lies_at:
@@ -210,12 +210,12 @@ class PartConfig(Config):
 
     @property
     def placement(self) -> RigidTransform:
-        """Pose of the frame in the TCP or the world, as it is meant."""
+        """Intended pose of the frame in the TCP or the world."""
         return RigidTransform(RollPitchYaw(np.radians(self.rotation_deg)), np.array(self.position))
 
     @property
     def lying(self) -> RigidTransform | None:
-        """Pose of the frame in the world at the start; None of a part that begins in the hand, or is fixed."""
+        """Pose of the frame in the world at the start; None for a part that starts in the hand, or is fixed."""
         if not self.lies_at:
             return None
         return RigidTransform(RollPitchYaw(np.radians(self.lies_rotation_deg)), np.array(self.lies_at))

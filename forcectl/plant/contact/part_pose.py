@@ -1,4 +1,4 @@
-"""Where the parts of an assembly are, and how they are turned."""
+"""Positions and orientations of the parts of an assembly."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PartPose(PythonBlock):
         super().__init__()
         self._at = [(int(frame.body().index()), frame.GetFixedPoseInBodyFrame()) for frame in frames]
         self._poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
-        # Poses of all bodies come as a list, which takes longer than the rest: once for both ports.
+        # Reading the list of all body poses takes longer than the rest, so it is done once for both ports.
         self._here = values_of_tick(self, {self._poses.ticket()})
         made = {self._here.ticket()}
         for name, size, show in (("part_position", 3, self._position), ("part_orientation", 4, self._orientation)):

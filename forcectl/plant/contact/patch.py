@@ -1,4 +1,4 @@
-"""A flat tool on a plane: contact in points, each a spring and damper of Kelvin and Voigt, so that it has a torque.
+"""A flat tool on a plane: contact at several points, each a Kelvin-Voigt spring and damper, which also give a torque.
 
     F = sum f_i,    tau = sum r_i x f_i,    f_i = max(0, (K_E z_i + D_E z_i')/N) n                  at the TCP
 
@@ -7,9 +7,9 @@ tool's axis. While all of them touch, force and torque about any axis in the pla
 
     F = K_E z,    tau = K_t theta,    K_t = K_E w^2/12 (m + 1)/(m - 1)
 
-For many points K_t is that of a continuous square. Every point has the dissipation and friction of a `!Surface`, too.
+For many points K_t is that of a continuous square. Each point also has the dissipation and friction of a `!Surface`.
 
-With `contact: pressure` the face touches as a whole, by Drake's hydroelastic contact with a slab of the same K_E, see
+With `contact: pressure` the whole face is in Drake's hydroelastic contact with a slab of the same K_E, see
 `forcectl.diagrams.mechanics.pressure_patch`: K_t = K_E w^2/12 (1 - 2/(3 m^2)) with m m squares.
 """
 
@@ -27,7 +27,7 @@ from forcectl.framework.fields import Config, key
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import unit_normal
 
-_ALONG = 1e-3  # sine of the angle, below which two directions are one
+_ALONG = 1e-3  # sine of the angle below which two directions count as equal
 
 
 def patch_points(width: float, count: int) -> Array:
@@ -45,7 +45,8 @@ def patch_points(width: float, count: int) -> Array:
 class PatchConfig(Config):
     """Scenario part `environment: !Patch`: a plate that the flat end of the tool touches, tilted or not.
 
-    For Multibody. Without a gap the tool touches with its lowest point at the start. Points are around any tool's TCP.
+    For Multibody. Without a gap the lowest point of the tool touches at the start. The points are around the TCP of
+    any tool.
     """
 
     arm: str = key("", "name of the arm whose tool presses; empty: the first")
@@ -109,7 +110,7 @@ class PatchConfig(Config):
 
     @property
     def by_pressure(self) -> bool:
-        """Whether the face touches as a whole."""
+        """Whether the contact is that of the whole face, by pressure."""
         return self.contact == "pressure"
 
     def touching_points(self) -> Array:

@@ -118,7 +118,7 @@ class SurfaceProfile:
 
 
 class SurfaceHeight(PythonBlock):
-    """Height of the surface at the place of the tool.
+    """Height of the surface at the path coordinate of the tool.
 
     ```
     name: SurfaceHeight

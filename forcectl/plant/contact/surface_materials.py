@@ -2,9 +2,9 @@
 
     F = K_E(s) z + D_E(s) z',    z = h(s) - (dx - C_R F)             (2.7), (2.8) with the K_E and D_E of the place
 
-Where two materials meet, their shares go over into each other along half a cosine, as under a contact that lies partly
-on each. What the change of K_E under a pressed-in tool takes or gives, (K_E'(s)/2) z^2 along the path, the motion along
-the path has to bring; like the lateral forces of flanks it is left out.
+Where two materials meet, K_E and D_E change from one to the other along half a cosine, as under a contact area that
+lies partly on each. The force along the path that belongs to the change of K_E under a pressed-in tool,
+(K_E'(s)/2) z^2, is left out, like the lateral forces of flanks.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key
 
-# K_E [N/m] of the plates on which Table 4.2 was measured, calibrated: effective values, with what bears the plate.
+# K_E [N/m] of the plates on which Table 4.2 was measured, calibrated: effective values that include the plate's mount.
 MATERIALS = {"springs": 5.9e3, "aluminium": 5.0e4, "wood": 1.55e5, "plastic": 2.1e5}
-_CLOSE = 1e-9  # [m] between two segments that count as joined
-_FARTHEST = 2.0  # [m] that a path goes to both sides
+_CLOSE = 1e-9  # [m] gap of two segments that count as joined
+_FARTHEST = 2.0  # [m] largest path coordinate to both sides
 _LARGEST_HEIGHT = 0.05  # [m]
-_STEP = 1e-3  # [m] between two materials, which may be steeper than a slope of 1
+_STEP = 1e-3  # [m] height of a step between two materials, which may be steeper than a slope of 1
 
 
 @dataclass(kw_only=True)
@@ -66,7 +66,7 @@ class SegmentConfig(Config):
 
 @dataclass(frozen=True)
 class MaterialPath:
-    """Values over the path coordinate, constant but for the joints, where they blend.
+    """Values over the path coordinate: constant in each segment, with smooth transitions at the joints.
 
     Attributes:
         joints: where the segments meet [m], shape (k,), increasing.
@@ -81,7 +81,7 @@ class MaterialPath:
     height: list[float]
 
     def share(self, s: float) -> tuple[int, float]:
-        """Number i of the segment at s [m] and the share of the next one, i + 1, there; the rest is i's."""
+        """Number i of the segment at s [m], and the weight there of the next one, i + 1; that of i is the rest to 1."""
         half = self.blend / 2
         i = bisect_right(self.joints, s + half)
         if not i or s >= self.joints[i - 1] + half:
@@ -89,12 +89,12 @@ class MaterialPath:
         return i - 1, 0.5 - 0.5 * math.cos(math.pi * (s + half - self.joints[i - 1]) / self.blend)
 
     def at(self, values: list[float], s: float) -> float:
-        """One of the three lists at the path coordinate s [m]."""
+        """Value of one of the three lists at the path coordinate s [m]."""
         i, share = self.share(s)
         return values[i] + share * (values[i + 1] - values[i]) if share else values[i]
 
     def along(self, values: list[float], s: ArrayLike) -> Array:
-        """The same at path coordinates of any shape."""
+        """Values of one of the three lists at path coordinates of any shape [m]."""
         return np.array([self.at(values, place) for place in np.ravel(s).tolist()]).reshape(np.shape(s))
 
 
@@ -139,7 +139,7 @@ class MaterialsConfig(Config):
         return sorted(self.segments, key=lambda segment: segment.start)
 
     def path(self) -> MaterialPath:
-        """The values over the path."""
+        """The segments as values over the path coordinate."""
         ordered = self._ordered()
         return MaterialPath(
             [segment.start for segment in ordered[1:]],
@@ -150,10 +150,10 @@ class MaterialsConfig(Config):
         )
 
     def unmet(self, low: float, high: float) -> Iterator[tuple[int, str]]:
-        """Numbers of the segments that change nothing, each with the reason.
+        """Numbers of the segments that have no effect, each with the reason.
 
         Args:
-            low, high: of the path coordinate, where the tool goes [m].
+            low, high: range of the tool's path coordinate [m].
         """
         ordered, half = self._ordered(), self.blend / 2
         for before, after in pairwise(ordered):
@@ -176,7 +176,7 @@ class MaterialsConfig(Config):
 
 
 class SurfaceMaterial(PythonBlock):
-    """Stiffness and damping of the surface at the place of the tool.
+    """Stiffness and damping of the surface at the path coordinate of the tool.
 
     ```
     name: SurfaceMaterial

@@ -1,4 +1,4 @@
-"""A surface that moves along its normal at a given time, for tests of what presses on it::
+"""A surface that moves along its normal at given times, for tests of controllers that press on it::
 
     h(s, t) = h(s) + sum_i d_i clip((t - t_i)/T_i, 0, 1)
 
@@ -15,7 +15,7 @@ from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
 _FURTHEST = 0.05  # [m]
-_NEAREST = 1e-7  # [m] that a surface can be seen to move
+_NEAREST = 1e-7  # [m] smallest displacement that has a visible effect
 _FASTEST = 10.0  # [m/s]
 _ROUNDING = 1e-9  # [s]
 

@@ -1,14 +1,15 @@
-"""A spring and damper that change with the place, for a body with Drake's implicit position control::
+"""A spring and damper that vary along the path, for a body under Drake's implicit position control::
 
     wanted    F = K(s) (h - q) - D(s) q'
     Drake     F = p (q_d - q+) + d (q_d' - q'+)      with constant p >= K and d >= D, + at the end of the step
 
-Told the state q^ = q + dt q' that the body is going to have anyway, with
+With the predicted position q^ = q + dt q' of the body and the desired state
 
     q_d = q^ + (K/p)(h - q^),    q_d' = (1 - D/d) q'
 
-Drake's force is spring and damper of the place at the end of the step, and that of a mass (p - K) dt^2 + (d - D) dt,
-0.2 kg beside p = 2e5 N/m at 1 ms. A force computed with the state before the step would be unstable on a light body.
+Drake's force is that of the local spring and damper at the end of the step, plus that of an added mass
+(p - K) dt^2 + (d - D) dt, 0.2 kg with p = 2e5 N/m at 1 ms. A force computed with the state before the step would be
+unstable on a light body.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from forcectl.framework.block import PythonBlock
 
 
 class SurfaceSpring(PythonBlock):
-    """Desired state of the carrier of a surface of several materials.
+    """Desired state of the body that carries a surface of several materials.
 
     ```
     name: SurfaceSpring
@@ -38,8 +39,8 @@ class SurfaceSpring(PythonBlock):
     Args:
         position_gain: p [N/m], > 0.
         velocity_gain: d [N s/m], >= 0; the damping port exists when it is above 0.
-        further_compliance: in series with the surface, carried by the spring as well [m/N]; may be negative.
-        uneven: whether there is a height.
+        further_compliance: compliance in series with the surface, included in the spring [m/N]; may be negative.
+        uneven: whether the port surface_height exists.
         period: dt of the plant [s].
     """
 

@@ -1,10 +1,10 @@
-"""Contact of a robot without dynamics: the tip of its motor side on a compliant surface, robot compliance included.
+"""Contact of a robot without dynamics: its TCP, from the motor positions, on a surface, with the robot's compliance.
 
     dx = dx_s + n'J(q_s) (q - q_s) - h,    F = contact(dx, C_R(q_s))                       (2.1), (2.7), (2.8)
 
 with the posture q_s of the last renewal, as in `forcectl.plant.tip_kinematics`, and the height h of an uneven surface.
-One block, because between renewals of the posture this is a few products: displacement, compliance and force as three
-blocks cost three times as much.
+All is one block, because between renewals of the posture it is a few products: displacement, compliance and force as
+three blocks cost three times as much.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_norm
 
 
 class TipContact(CompliantContact):
-    """Contact force along n at the tool centre point of a robot of motor positions.
+    """Contact force along n at the tool centre point of a robot, from its motor positions.
 
     ```
     name: TipContact
@@ -36,8 +36,8 @@ class TipContact(CompliantContact):
 
     Parameters (Context, shape (1,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0, dissipation d_E [s/m] > 0.
 
-    Sampling: every `posture_period` [s] tangent of the path and compliance of the robot, if the posture has changed;
-    every `period` [s] the deformation of an environment with damping or dissipation.
+    Sampling: every `posture_period` [s] the tangent of the TCP's path and the compliance of the robot, if the posture
+    has changed; every `period` [s] the deformation of an environment with damping or dissipation.
 
     Args:
         robot: kinematics.
@@ -77,7 +77,7 @@ class TipContact(CompliantContact):
         self._posture = posture_cache(self, self._robot, self._position)
         context = self._robot.context_at(self._start)
         self._origin = float(self._n @ self._robot.tip_position(context))
-        # n'J, then the displacement it would have at q = 0, then C_R; and the posture they belong to.
+        # State: n'J, then the displacement extrapolated to q = 0, then C_R; and the posture of the last renewal.
         geometry = self.DeclareDiscreteState(self._at(context, self._start))
         self._geometry = int(geometry)  # a number is looked up in half of the time
         self._taken_at = self.DeclareDiscreteState(self._start)

@@ -7,7 +7,7 @@ path and z along n, both from the start, the point of the profile nearest to it 
     delta = (h(s*) - z)/cos(theta)                                                         depth along the normal
 
 There the surface is replaced by its common tangent plane with the ball: turned by theta about the axis across the
-path, and displaced along n so that it intersects n through the start at::
+path, and intersecting the line along n through the start at::
 
     b = h(s*) - s* tan(theta) + R (1 - 1/cos(theta))
 

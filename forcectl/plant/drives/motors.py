@@ -81,7 +81,7 @@ def joint_to_motor(robot: RobotModel) -> Matrix:
 
 
 def loop_inertia(robot: RobotModel) -> Vector:
-    """Inertia that the velocity loop of each joint is tuned for, shape (n,) [kg m^2]; empty: that of the rotors alone."""
+    """Inertia that each joint's velocity loop is tuned for, shape (n,) [kg m^2]; empty: that of the rotors alone."""
     parameters = robot.parameters
     if "velocity_loop_inertia" not in parameters.assumed:
         return parameters.velocity_loop_inertia

@@ -1,4 +1,4 @@
-"""Faults of the force that a sensor reports, for tests of what lives on it."""
+"""Faults of a measured force, for tests of controllers and estimators that use it."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.plant.sensors.force_sensor import white_noise
 
 KINDS = ("nan", "inf", "value", "frozen", "lost", "jitter", "scale", "noise")
-_ROUNDING = 1e-9  # [s] of the times of ticks
-_SHORTEST = 0.1  # of a tick, that one reading may be wrong for
-_LONGEST = 0.1  # [s] delay of a reading
+_ROUNDING = 1e-9  # [s] rounding error of the times of ticks
+_SHORTEST = 0.1  # shortest duration of a fault, in ticks
+_LONGEST = 0.1  # [s] largest delay of a reading
 _LARGEST_SCALE = 1e3
-_LEAST_SCALE = 1e-3  # calibrations are no better
-_LEAST_NOISE = 1e-4  # [N]: a sensor without noise of its own resolves no less
-_INSTEAD = {"nan", "inf", "value", "frozen"}  # nothing of the reading is left
+_LEAST_SCALE = 1e-3  # least deviation of a scale from 1: no calibration is more accurate
+_LEAST_NOISE = 1e-4  # [N] the resolution of a sensor without noise
+_INSTEAD = {"nan", "inf", "value", "frozen"}  # kinds that replace the whole reading
 _WITHOUT_VALUE = ("nan", "inf", "frozen", "lost")
 
 
 @dataclass(kw_only=True)
 class ForceFaultConfig(Config):
-    """A fault of a force sensor; it acts on `measured_force`, behind the filter."""
+    """A fault of a force sensor, applied to `measured_force` after the filter."""
 
     kind: str = key("frozen", "what the fault does to the measured force", choices=KINDS)
     value: float = key(
@@ -61,25 +61,25 @@ class ForceFaultConfig(Config):
 
     @property
     def end(self) -> float:
-        """From which on it does not act any more [s]."""
+        """Time from which on the fault does not act any more [s]."""
         return self.start + self.duration
 
     def clashes(self, other: ForceFaultConfig) -> bool:
-        """Whether it is the same fault, one hides the other, or both put something in place of the same readings."""
+        """Whether both faults are equal, one hides the other, or both replace the same readings."""
         together = self.start < other.end and other.start < self.end
         hidden = self._hides(other) or other._hides(self)
         return self == other or hidden or (together and {self.kind, other.kind} <= _INSTEAD)
 
     def _hides(self, other: ForceFaultConfig) -> bool:
-        """Whether nothing is left of another fault, which changes what is no number."""
+        """Whether the other fault has no effect, because this one replaces all its readings with nan or inf."""
         return self.kind in ("nan", "inf") and self.start <= other.start and other.end <= self.end
 
     def acts(self, time: float) -> bool:
-        """Whether it does at the tick of this time [s]."""
+        """Whether the fault acts at the tick of this time [s]."""
         return self.start <= time + _ROUNDING < self.end
 
     def ticks(self, period: float) -> int:
-        """How many ticks a reading may be late."""
+        """Largest delay of a reading, in ticks."""
         return round(self.value / period) if self.kind == "jitter" else 0
 
     def faulty(
@@ -88,10 +88,10 @@ class ForceFaultConfig(Config):
         """The reading with the fault, shape (n,) [N].
 
         Args:
-            reading: without it [N].
-            last: reported at the tick before [N].
+            reading: the reading without the fault [N].
+            last: the reading reported at the tick before [N].
             earlier: readings of the sensor up to this tick, the newest first, shape (ticks, n) [N].
-            tick: its number.
+            tick: number of the tick.
             sources: of the noise, see `white_noise`.
         """
         if self.kind == "nan":
@@ -113,23 +113,23 @@ class ForceFaultConfig(Config):
 
 
 def check_acts(key: str, start: float, duration: float, period: float) -> None:
-    """Refuse a fault that acts at no tick, or is so much shorter than one that it is a slip.
+    """Refuse a fault that acts at no tick, or is so much shorter than a tick that this is probably a mistake.
 
     Args:
-        key: of its duration, for the message.
+        key: key of its duration, for the message.
         start, duration: of the fault [s].
         period: of the ticks [s].
 
     Raises:
         BadInputError: about the duration.
     """
-    first = math.ceil((start - _ROUNDING) / period) * period  # tick from the start on
+    first = math.ceil((start - _ROUNDING) / period) * period  # time of the first tick not before the start
     if duration < _SHORTEST * period or first + _ROUNDING >= start + duration:
         raise invalid(key, duration, f"at least a control tick, {period:g} s")
 
 
 def clashing(faults: Sequence[Any]) -> Iterator[tuple[int, int]]:
-    """Places of two faults that clash, the first one first; faults of a user's own without `clashes` do not."""
+    """Indices of each two faults that clash, in ascending order; a user's own faults without `clashes` never clash."""
     for (i, one), (j, other) in combinations(enumerate(faults), 2):
         if hasattr(one, "clashes") and hasattr(other, "clashes") and one.clashes(other):
             yield i, j
@@ -146,15 +146,15 @@ class FaultyForce(SampledBlock):
 
     reading: shape (n,) [N]. measured_force: shape (n,) [N]. Feedthrough of reading at the tick.
 
-    nan, inf, value: that is reported. frozen: the reading before the fault. lost: every other tick repeats the one
-    before. jitter: each tick a reading that is some ticks old, at random. scale: times a factor; noise: white noise is
-    added.
+    nan, inf, value: this is reported. frozen: the last reading before the fault is repeated. lost: every second tick
+    repeats the reading of the tick before. jitter: each tick has a random delay. scale: the reading times a factor.
+    noise: white noise is added.
 
     Sampling: every `period` [s]; no delay.
 
     Args:
         size: n.
-        faults: that act one after the other.
+        faults: applied to the reading in this order.
         period: tick [s].
         seed: of the noise.
     """

@@ -33,10 +33,10 @@ from forcectl.plant.drives.position_loop import (
 )
 
 _CHUNK = 1024
-_LARGEST_RANGE = 1e4  # [N] that shares are taken of
+_LARGEST_RANGE = 1e4  # [N] largest range of which the limits of noise, quantum, bias and drift are shares
 
 
-@lru_cache(maxsize=16)  # some sensors, each with two chunks where one follows the other
+@lru_cache(maxsize=16)  # a few sensors, each with two chunks at the change from one to the next
 def _noise_chunk(sources: tuple[tuple[int, int], ...], chunk: int) -> Matrix:
     rows = [np.random.default_rng((seed, element, chunk)).standard_normal(_CHUNK) for seed, element in sources]
     values = np.ascontiguousarray(np.transpose(rows))
@@ -48,22 +48,22 @@ def white_noise(sources: tuple[tuple[int, int], ...], tick: int) -> Matrix:
     """Sample number `tick` of unit white noise, shape (n,): a pure function of its arguments.
 
     Args:
-        sources: per channel a (seed, element), each >= 0: channels with equal ones draw the same numbers.
+        sources: (seed, element) of each channel, each >= 0: equal sources give equal numbers.
     """
     chunk, index = divmod(tick, _CHUNK)
     return _noise_chunk(sources, chunk)[index]
 
 
 class Converter(NamedTuple):
-    """The numbers that digitising a channel needs, derived from its parameters by `converter`."""
+    """The numbers that `digitise` needs for a channel, derived from its parameters by `converter`."""
 
     bias: BatchValue  # [N]
     noise_std: BatchValue  # [N]
-    upper: BatchValue  # end of the range [N]
-    lower: BatchValue  # its other end [N]
-    quantum: BatchValue  # [N]; 1 where there is none
-    quantised: Any  # whether there is one; None when there is one in every batch element
-    drift: Any  # of the zero [N/s]; None without
+    upper: BatchValue  # upper end of the range [N]
+    lower: BatchValue  # lower end of the range [N]
+    quantum: BatchValue  # [N]; 1 where the channel is not quantised
+    quantised: Any  # whether each batch element is quantised; None when all are
+    drift: Any  # of the zero [N/s]; None without drift
 
 
 def converter(
@@ -76,7 +76,7 @@ def converter(
 
 
 def digitise(force: BatchValue, noise: BatchValue, channel: Converter, m: Any = np) -> BatchValue:
-    """The raw reading of a true force [N]: bias and noise (unit white, times its deviation), range, whole quanta."""
+    """The raw reading of a true force [N] with bias, noise (given as unit white noise), range and quantisation."""
     bias, noise_std, upper, lower, quantum, quantised, _ = channel
     seen = m.maximum(m.minimum(force + (bias + noise_std * noise), upper), lower)
     rounded = quantum * m.floor(seen / quantum + 0.5)
@@ -84,16 +84,16 @@ def digitise(force: BatchValue, noise: BatchValue, channel: Converter, m: Any = 
 
 
 class SensorElectronics(BatchBlock):
-    """Base of the blocks that digitise: bias, drift, noise, range, quantisation and taring of n channels.
+    """Base of the sensor electronics: bias, drift, noise, range, quantisation and taring of n channels.
 
     Parameters (Context, shape (n,)): bias, noise_std >= 0 (standard deviation per tick), quantum >= 0, range > 0, all
     in the unit of the channel, and drift in that per second. Taring: with `tare` the first reading without noise
     becomes the zero (state, set by an initialisation event).
 
-    A subclass declares its ports in `declare_ports`, says what the channels feel in `feels`, and reads with `read`.
+    A subclass declares its ports in `declare_ports`, gives the true load of the channels in `feels`, and calls `read`.
 
     Args:
-        seed: of the noise; element i of a batch uses seeds[i] when a list is given, and then equals the run alone.
+        seed: of the noise; with a list, element i of a batch uses seeds[i] and equals a run of its own with that seed.
         unit: of the channels, for documentation.
     """
 
@@ -131,7 +131,7 @@ class SensorElectronics(BatchBlock):
         self._tare = None
         if tare:
             zero = self.DeclareDiscreteState(size)
-            self._tare = int(zero)  # a number is looked up in half of the time
+            self._tare = int(zero)  # looking a state up by number takes half the time
             self.reads.add(self.discrete_state_ticket(zero))
             self.DeclareInitializationDiscreteUpdateEvent(self._tare_update)
         self.declare_ports(unit)
@@ -142,10 +142,10 @@ class SensorElectronics(BatchBlock):
 
     @abstractmethod
     def feels(self, context: Context) -> Matrix:
-        """What the channels feel, shape (n,)."""
+        """The true load of the channels, shape (n,)."""
 
     def derive(self, values: tuple[BatchValue, ...]) -> Converter:
-        """What `digitise` needs of the parameters."""
+        """The numbers that `digitise` needs, from the parameters."""
         return converter(*values)
 
     def _tare_update(self, context: Context, next_state: DiscreteValues) -> None:
@@ -159,7 +159,7 @@ class SensorElectronics(BatchBlock):
         return digitise(force, self.batch_value(noise), channel, self.math)
 
     def read(self, context: Context, felt: Matrix) -> BatchValue:
-        """The reading of the channels that feel `felt`, shape (n,)."""
+        """The reading of the channels under the load `felt`, shape (n,)."""
         tick = int(context.get_time() / self._period + 0.5)
         reading = self._raw(context, felt, white_noise(self._sources, tick))
         if self._tare is not None:
@@ -168,7 +168,7 @@ class SensorElectronics(BatchBlock):
 
 
 class ForceDigitiser(SensorElectronics):
-    """The sensor's electronics, for forces that are signals.
+    """The electronics of a sensor whose true force is an input port.
 
     ```
     name: ForceDigitiser
@@ -178,7 +178,7 @@ class ForceDigitiser(SensorElectronics):
     ```
 
     force: shape (n,), true force or wrench component [N or Nm].
-    reading: shape (n,), likewise [N or Nm]. Feedthrough of force.
+    reading: shape (n,), force or wrench component without filter [N or Nm]. Feedthrough of force.
 
     Sampling: none; the noise is a function of (seed, channel, tick of `period`).
 
@@ -349,7 +349,7 @@ class ForceSensorConfig(Config, in_batches=True):
         return self.bandwidth, self.damping_ratio, self.delay
 
     def channel_scale(self) -> Matrix:
-        """Factors on noise, quantum, bias and range of the six channels of a wrench [torque; force], shape (6,)."""
+        """Factors on the parameters of the six channels of a wrench [torque; force], shape (6,): `torque_ratio`, or 1."""
         return np.repeat([self.torque_ratio, 1.0], 3)
 
     def filter(self, size: int, period: float) -> LinearSystem | LinearBatch:
@@ -371,7 +371,7 @@ class ForceSensorConfig(Config, in_batches=True):
             drift=self.drift,
             range=self.range,
             delay=self.delay,
-            # Without bias the first reading is zero already.
+            # Without bias the first reading is zero already, so no taring is needed.
             tare=self.tare and bool(np.any(self.bias)),
             seed=seed,
             period=period,

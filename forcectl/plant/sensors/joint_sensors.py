@@ -4,11 +4,11 @@
     v_m = a v_m,k-1 + (1 - a) (q_m - q_m,k-1)/T,   a = e^{-w_v T}
     tau = (I - I_{k-1})/T,                          I the integral of the motor torque over time
 
-The speed is differentiated from the position, as encoders have none, and low-pass filtered; it is T/2 + 1/w_v late. The
-torque is the mean over the tick: a sample of it would be off by 10-15 % of every transient.
+The speed is differentiated from the position, as encoders do not measure it, and low-pass filtered; its delay is
+T/2 + 1/w_v. The torque is the mean over the tick: a sample would be wrong by 10-15 % of every transient.
 
-Readings may fail, for tests of what lives on them: a position that is no number, an encoder that stands still, a sample
-that is lost and repeats the last one.
+Readings may have faults, for tests of controllers that use them: a position that is not a number, an encoder that is
+frozen, a lost sample, which repeats the last one.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from forcectl.plant.sensors.force_sensor import white_noise
 
 FAULTS = ("nan", "frozen", "lost")
 _READINGS = ("joint_position", "joint_velocity", "motor_torque")
-_ROUNDING = 1e-9  # [s] of the times of ticks
+_ROUNDING = 1e-9  # [s] rounding error of the times of ticks
 
 
 @dataclass(frozen=True)
 class ReadingFault:
-    """What fails from `start` until before `end` [s]: one of `FAULTS`, of one joint or, when it is None, of all.
+    """A fault from `start` until before `end` [s]: `kind` is one of `FAULTS`, `joint` its joint, or None for all joints.
 
-    nan: position and speed are not numbers. frozen: the position stays what it was, and the speed follows it. lost: all
-    readings of all joints are those of the tick before.
+    nan: position and speed are not numbers. frozen: the position stays constant, and the speed is computed from it.
+    lost: all readings of all joints are those of the tick before.
     """
 
     kind: str
@@ -47,7 +47,7 @@ class ReadingFault:
     joint: int | None = None
 
     def check(self, joints: int) -> None:
-        """BadInputError unless it is a fault of a robot with so many joints."""
+        """Raise BadInputError unless it is a valid fault for a robot with this number of joints."""
         if self.kind not in FAULTS:
             raise unknown("kind", self.kind, FAULTS)
         if not math.isfinite(self.start):
@@ -56,7 +56,7 @@ class ReadingFault:
             raise invalid("joint", self.joint, f"from 0 to {joints - 1}")
 
     def acts(self, time: float) -> bool:
-        """Whether it does at the tick of this time [s]."""
+        """Whether the fault acts at the tick of this time [s]."""
         return self.start <= time + _ROUNDING < self.end
 
 
@@ -71,23 +71,23 @@ class ReadingFaultConfig(Config):
 
     @property
     def end(self) -> float:
-        """From which on it does not act any more [s]."""
+        """Time from which on the fault does not act any more [s]."""
         return self.start + self.duration
 
     def clashes(self, other: ReadingFaultConfig) -> bool:
-        """Whether both say at the same time what the position and the speed of the same joint are."""
+        """Whether both replace position and speed of the same joint at the same time."""
         together = self.start < other.end and other.start < self.end
         same = not (self.joint and other.joint) or self.joint == other.joint
         return together and same and "lost" not in (self.kind, other.kind)
 
     def fault(self, joints: list[str]) -> ReadingFault:
-        """The fault of a robot.
+        """The fault, with the index of its joint.
 
         Args:
-            joints: names of its joints.
+            joints: names of the robot's joints.
 
         Raises:
-            BadInputError: it has no joint of that name.
+            BadInputError: the robot has no joint of that name.
         """
         if self.joint and self.joint not in joints:
             raise unknown("joint", self.joint, joints)
@@ -96,7 +96,7 @@ class ReadingFaultConfig(Config):
 
 
 def quantised(values: Array, quantum: Array) -> Array:
-    """Whole quanta; as they are where the quantum is zero."""
+    """The values rounded to whole quanta; unchanged where the quantum is zero."""
     exists = quantum > 0
     step = np.where(exists, quantum, 1.0)
     return np.where(exists, step * np.floor(values / step + 0.5), values)
@@ -113,7 +113,7 @@ class JointSensors(SampledBatch):
     ```
 
     motor_position: shape (n,) [rad]. torque_integral: shape (n,), of the motor torque over time [Nms].
-    joint_position: shape (n,), measured [rad]. joint_velocity: shape (n,), from it [rad/s].
+    joint_position: shape (n,), measured [rad]. joint_velocity: shape (n,), from the measured position [rad/s].
     motor_torque: shape (n,), mean over the tick that ends [Nm].
     All outputs are feedthrough of all inputs at the tick, and held.
 
@@ -123,9 +123,9 @@ class JointSensors(SampledBatch):
     Sampling: every `period` [s]; no delay of the position. Noise is a pure function of (seed, joint, tick).
 
     Args:
-        bandwidth: w_v of the speed [rad/s].
+        bandwidth: w_v of the speed filter [rad/s].
         start: positions before the first tick, shape (n,) [rad].
-        torque: motor torque before it, shape (n,) [Nm].
+        torque: motor torque before the first tick, shape (n,) [Nm].
         seed: of the noise.
         faults: of the readings.
     """
@@ -171,7 +171,7 @@ class JointSensors(SampledBatch):
             "joint_position": at_rest,
             "joint_velocity": 0.0,
             "motor_torque": load,
-            # Of the electronics, whatever is reported.
+            # Internal values of the sensors, which faults of the report do not change.
             "impulse": -period * load,
             "position": at_rest,
             "speed": 0.0,
@@ -206,7 +206,7 @@ class JointSensors(SampledBatch):
 
 
 def _without(values: Array, joint: int | None) -> Array:
-    """Values of which one, or all, are no numbers."""
+    """The values with nan in place of one of them, or of all."""
     spoiled = values.copy()
     spoiled[slice(None) if joint is None else joint] = np.nan
     return spoiled

@@ -1,10 +1,10 @@
 """Wrist force/torque sensor: the wrench at the weld between flange and tool, digitised, minus the weight of the tool::
 
-    w_S(felt)  = -(reaction at the weld, on the tool)  = environment + weight of everything beyond the sensor
-    w_S        = digitised w_S(felt) - [p x R_WS' m g; R_WS' m g]
+    w_S,load   = -(reaction at the weld, on the tool)  = environment + weight of everything beyond the sensor
+    w_S        = digitised w_S,load - [p x R_WS' m g; R_WS' m g]
 
-The weight is known from the mass and centre of the tool and the motor-side orientation of the sensor. A sensor that was
-tared in the start posture has that posture's weight in its zero already.
+The weight is computed from the mass and centre of mass of the tool and the motor-side orientation of the sensor. A
+sensor that was tared in the start posture already has that posture's weight in its zero.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def weight_matrix(mass: float, p_SScm: Vector) -> Vector:
 
     Args:
         mass: [kg].
-        p_SScm: its centre in S, shape (3,) [m].
+        p_SScm: its centre of mass in S, shape (3,) [m].
     """
     return mass * np.vstack([cross_matrix(p_SScm), np.eye(3)])
 
@@ -64,10 +64,10 @@ class WristSensor(SensorElectronics):
     reaction_forces: abstract, list of SpatialForce of the plant.
     motor_position: shape (n_q,), for the orientation of the sensor [rad].
     readings: shape (8,): the measured wrench of the environment on the tool at S in S, [torque; force] [Nm, N]; its
-    force along n [N]; the true contact force [N], which the mounting of the environment carries. Feedthrough of
+    force along n [N]; the true contact force [N], from the reaction in the mounting of the environment. Feedthrough of
     reaction_forces.
 
-    One output, because reading the reactions of a plant costs more than all the rest.
+    All is in one output, because reading the reactions of a plant costs more than all the rest.
 
     Parameters (Context, shape (6,)), taring and noise: see `SensorElectronics`.
 
@@ -75,15 +75,15 @@ class WristSensor(SensorElectronics):
     function of (seed, channel, tick of `period`).
 
     Args:
-        plant: with the reactions.
-        mounting: weld of the environment, which is massless, its surface normal +z.
+        plant: whose reactions are read.
+        mounting: weld of the environment, which is massless; its surface normal is +z.
         robot: kinematics and tool.
         n: unit normal in W, shape (3,).
         start: q_0, shape (n_q,) [rad].
-        cross_talk: what the channels show of each other, shape (6, 6), identity without, see `random_cross_talk`; None:
-            nothing.
+        cross_talk: matrix from the true wrench to the channels, shape (6, 6), the identity or None without cross-talk,
+            see `random_cross_talk`.
         electronics: bias, drift, noise_std, quantum, range, tare, seed and period of `SensorElectronics`; with `tare`
-            the sensor was made zero in the start posture, weight of the tool included.
+            the sensor was zeroed in the start posture, weight of the tool included.
     """
 
     REFRESHED = "posture"  # by its events, for block diagrams: the readings do not wait for them
@@ -112,7 +112,7 @@ class WristSensor(SensorElectronics):
         super().__init__(6, unit="Nm,N", **electronics)
 
     def declare_ports(self, unit: str) -> None:
-        """Inputs, output and the state that is the sensor's orientation."""
+        """Inputs, output and the state of the sensor's orientation."""
         self.port_units = {"readings": "Nm,N"}
         self._reactions = self.DeclareAbstractInputPort("reaction_forces", AbstractValue.Make([SpatialForce.Zero()]))
         self._position = self.DeclareVectorInputPort("motor_position", self._robot.num_joints)
@@ -123,7 +123,7 @@ class WristSensor(SensorElectronics):
         if self._zeroed:
             self._in_zero = orientation[3:].copy()
             orientation[3:] = 0.0
-        # n in S, and the weight that is not in the sensor's zero.
+        # State: n in S, and the weight that is not in the sensor's zero; and the posture of the last renewal.
         self._orientation = self.DeclareDiscreteState(orientation)
         self._taken_at = self.DeclareDiscreteState(self._start)
         reads = self.reads | {self._reactions.ticket(), self.discrete_state_ticket(self._orientation)}
@@ -143,7 +143,7 @@ class WristSensor(SensorElectronics):
             next_state.set_value(self._taken_at, q)
 
     def feels(self, context: Context) -> Vector:
-        """What the weld carries: environment and weight of everything beyond the sensor, at S in S; with cross-talk."""
+        """Load of the weld, from environment and weight of everything beyond the sensor, at S in S; with cross-talk."""
         return self._seen(self._reactions.Eval(context))
 
     def _seen(self, reactions: Sequence[SpatialForce]) -> Vector:
@@ -162,12 +162,12 @@ class WristSensor(SensorElectronics):
 
 
 def random_cross_talk(largest: float, scale: Vector, seed: int) -> Vector:
-    """What the channels of a sensor show of each other, shape (n, n), the same for the same seed.
+    """Random cross-talk matrix of the channels of a sensor, shape (n, n), the same for the same seed.
 
     Args:
-        largest: share of its range that a channel shows of another one that is at the end of its own [1].
+        largest: largest reading of a channel, relative to its range, when another one is at the end of its range [1].
         scale: ranges of the channels relative to each other, shape (n,).
-        seed: of the shares, which are uniform in +-largest.
+        seed: of the relative readings, which are uniform in +-largest.
     """
     n = len(scale)
     shares = np.random.default_rng((seed, n)).uniform(-largest, largest, (n, n)) * np.outer(scale, 1 / scale)
@@ -189,7 +189,7 @@ def sensor_frame(robot: RobotModel) -> Frame:
 
 
 def tool_load(robot: RobotModel) -> tuple[Vector, Vector]:
-    """`weight_matrix` of what hangs at the wrist sensor, and gravity in the world [m/s^2].
+    """`weight_matrix` of the tool at the wrist sensor, and gravity in the world [m/s^2].
 
     Raises:
         BadInputError: the tool has no wrist sensor.
