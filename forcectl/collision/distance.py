@@ -1,17 +1,19 @@
-"""Distances between the links of a robot, its torso and obstacles, kept above a minimum: rows of relative degree 2.
+"""Constraints that keep distances between the links of a robot, its torso and obstacles above a minimum.
 
-    y = minimum - distance <= 0       [m], of the k balls that need it most
+The rows have relative degree 2:
+
+    y = minimum - distance <= 0       [m], for the k most urgent balls
 
 With the ball at x on link A, the core on link B (see `collision_shapes`), the unit vector n from the nearest point b of
-the core's box to x, and w the velocity of x as seen on B::
+the core's box to x, and w the velocity of x relative to B::
 
     distance   = |x - b| - radii
     distance'  = n w
     distance'' = n (J_A - J_B) u + n (J_A' - J_B') v - n (w_B x w) + |w across n|^2 / |x - b|
 
-The last term is what the nearest point moves; it is never negative. It is counted only in the directions in which x
-stays beside the box for a whole tick, so that a ball that passes an edge comes no nearer than foreseen: the plane
-through b, fixed on B, has the core behind it, so to leave the term out errs to the safe side.
+The last term is due to the motion of the nearest point; it is never negative. It is included only in the directions in
+which x stays beside the box for a whole tick, so that the distance is not overestimated when a ball passes an edge.
+Leaving the term out is conservative, because the core is entirely behind the plane through b fixed on B.
 """
 
 from __future__ import annotations
@@ -28,46 +30,47 @@ from forcectl.robot.joint_tree import TreeState, cross
 from forcectl.robot.robot_motion import RobotMotion
 
 _TINY = 1e-9  # [m]
-_HARDEST = 10.0  # times gamma, and a tenth of it is the softest
-_SLOWEST = 4  # rows
-_TURN_SHARE = 0.5  # of the accelerations, to turn away while the joints brake with the others
-_USABLE = 0.5  # of the acceleration limits: of an arm that is stretched, torques bind before
-_NO_LIMIT = 1e6  # times as fast: without a limit
+_HARDEST = 10.0  # largest factor on a row, and largest additional braking over |gamma|
+_SLOWEST = 4  # number of rows of `_SlowDown`
+_TURN_SHARE = 0.5  # share of the accelerations for turning away, while the joints brake with the rest
+_USABLE = 0.5  # usable share of the acceleration limits: in a stretched arm the torque limits bind first
+_NO_LIMIT = 1e6  # factor on the speed that stands for no limit
 _THREE, _SIX = np.ones(3), np.ones(6)
-_LEAST_GAP = 1e-3  # [m], where the curvature of a core is not trusted any more
-_NEAR = 40  # pairs of a group and a core whose balls are looked at
+_LEAST_GAP = 1e-3  # [m] smallest gap used in the last term, which is not reliable below it
+_NEAR = 40  # number of pairs of a group and a core whose balls are evaluated
 
 
 class LinkDistance:
-    """Pairs of shapes keep a distance: a constraint, see `forcectl.tasks.constraints.base.Constraint`.
+    """Constraint on the distances of pairs of shapes, see `forcectl.tasks.constraints.base.Constraint`.
 
     ::
 
         shapes = RobotShapes.load("yumi", "yumi_gripper")
         constraints = [LinkDistance(shapes), LinkDistance(shapes.against([Obstacle(Sphere(0.1), X_WO)]))]
 
-    Every row is one of the k balls that may come least faster before braking at gamma is too late, not of the k nearest
-    ones: what a tick of acceleration makes urgent is among them before it is. Where the joints cannot brake that hard,
-    because they hardly move the two shapes against each other, y, y' and the row are multiplied by what is missing, up
-    to 10: so is a violation that a controller reports. A companion slows joints down that could not turn away in time.
+    The rows are those of the k balls with the least `speed_left`, the margin in speed before braking at gamma is too
+    late, not of the k nearest: so a ball has a row before one tick of acceleration makes it urgent. Where the joints
+    cannot brake at gamma, because they hardly move the two shapes relative to each other, y, y' and the row are
+    multiplied by the missing factor, up to 10, and so is the violation that a controller reports. A companion
+    constraint slows down joints that could not turn away in time.
 
-    Rows are soft, for braking at gamma is not always possible to joints that turn at full speed; what a row then needs
-    to stop in time, beyond the 2 gamma that constraints ask for at most, it asks for as well. With gamma = -1 two arms
-    kept the minimum in all runs of the tests. Both arms with grippers take 0.3 ms per tick.
+    Rows are soft, because joints at full speed cannot always brake at gamma. Constraints demand braking of at most
+    2 gamma; a row that needs more than that to stop in time demands it in addition. With gamma = -1 two arms kept the
+    minimum in all runs of the tests. Both arms with grippers take 0.3 ms per tick.
 
     Args:
-        shapes: `RobotShapes.load(...)` for a robot with itself, its `against(obstacles)` for obstacles.
+        shapes: `RobotShapes.load(...)` for self-collision, its `against(obstacles)` for obstacles.
         minimum: distance to keep [m], > 0.
         rows: k; fewer if there are fewer balls.
         gamma: braking [m/s^2], < 0.
         period: tick Ts [s].
-        tolerance, box_tolerance: by how much distances may be too small, see `cover` [m], > 0.
+        tolerance, box_tolerance: largest error by which distances may be too small, see `cover` [m], > 0.
     """
 
     relative_degree = 2
     rows_change = True
     slack_weight = 1e6
-    margin = 1e-4  # [m], more than what an acceleration held for a tick misses
+    margin = 1e-4  # [m] more than the error of holding an acceleration for a tick
 
     def __init__(
         self,
@@ -86,7 +89,7 @@ class LinkDistance:
         self._table = PairTable(shapes, tolerance, check("box_tolerance", box_tolerance, "positive"))
         self._names = [(shapes.solids[a].name, shapes.solids[b].name) for a, b in shapes.pairs]
         self._pairs, self._near = len(shapes.pairs), min(_NEAR, len(self._table.pair))
-        # However the nearest pairs are chosen, they have this many balls.
+        # Any choice of the nearest pairs has at least this many balls.
         fewest = np.sort(self._table.real.sum(axis=1)[self._table.pair_group])[: self._near].sum()
         self.rows = min(check_count("rows", rows), int(fewest))
         limits = np.concatenate([joint.acceleration_upper_limits() for joint in shapes.parts.joints])
@@ -96,7 +99,7 @@ class LinkDistance:
     def evaluate(self, motion: RobotMotion) -> tuple[Array, Array, Array, Array]:
         """(y, y', row, bias) of k balls, in the order of the pairs of shapes."""
         y, rate, row, bias = self.second_derivative(motion)
-        # To brake at gamma/f, where that is all the joints can, is to keep f y with gamma.
+        # Braking at gamma/f, the most that these joints can, is the same as keeping f y <= 0 with gamma.
         least = _TURN_SHARE * (np.abs(row) @ self._acceleration)
         f = self.gamma / np.clip(-least, self.gamma, self.gamma / _HARDEST)
         inside = f * (y + self.margin)
@@ -105,9 +108,9 @@ class LinkDistance:
         return told, rate, f[:, None] * row, f * bias + self._late(inside, rate)
 
     def second_derivative(self, motion: RobotMotion) -> tuple[Array, Array, Array, Array]:
-        """The same, with y'' = row u + bias as it is."""
+        """(y, y', row, bias) without the factors of `evaluate`: y'' = row u + bias."""
         known: dict[object, Any] = getattr(motion, "known", {})
-        if self not in known:  # the companion asks for the same
+        if self not in known:  # shared with the companion
             known[self] = self._rows(*self._chosen(motion, known))
         return known[self]
 
@@ -118,8 +121,8 @@ class LinkDistance:
         return [" and ".join(self._names[pair]) for pair in pairs]
 
     def _chosen(self, motion: RobotMotion, known: dict[object, Any]) -> tuple[TreeState, NearBalls, Indices]:
-        """The balls of the rows among those that are near."""
-        if self._tree not in known:  # further distances of the robot ask for the same
+        """State of the tree, the near balls, and the indices of those that have a row."""
+        if self._tree not in known:  # shared with other distance constraints of the robot
             known[self._tree] = self._tree.at(motion.q, motion.v)
         state = known[self._tree]
         near = self._table.near(state, self._near, self._minimum, self.gamma)
@@ -143,7 +146,7 @@ class LinkDistance:
         return f"{a} and {b} are {1e3 * distances[nearest]:.3g} mm apart"
 
     def _rows(self, state: TreeState, near: NearBalls, chosen: Indices) -> tuple[Array, Array, Array, Array]:
-        """The same of some balls, (k,), counted through the pairs."""
+        """(y, y', row, bias) of the balls with the indices `chosen`, (k,), counted through the pairs."""
         table, k = self._table, len(chosen)
         which = chosen // near.gap.shape[1]
         pair, R = near.pair.take(which), near.R.take(which, 0)
@@ -153,13 +156,13 @@ class LinkDistance:
         V_A, V_B = V.take(on_ball, 0), V.take(on_core, 0)
         turn_A, turn_B = V_A[:, :3], V_B[:, :3]
         crosses = cross(np.concatenate([x, turn_A, n, n]), np.concatenate([n, x, turn_A - turn_B, turn_B]))
-        # n times the velocity of x, on a body that moves with V, is line V.
+        # line V is n times the velocity of the point x of a body with the spatial velocity V.
         line = np.concatenate([crosses[:k], n], axis=1)
         # n (w_AB x v_A) - n (w_B x w)
         turning = crosses[2 * k : 3 * k] * (V_A[:, 3:] + crosses[k : 2 * k]) - crosses[3 * k :] * w
         bias = (line * (A.take(on_ball, 0) - A.take(on_core, 0))) @ _SIX + turning @ _THREE
         rate = (n * w) @ _THREE
-        # Beside the box for a whole tick; a direction in which it is flat is never left.
+        # Whether x stays beside the box for a whole tick; in a direction in which the box is flat it always does.
         along = np.abs((w[:, None] @ R)[:, 0])
         stays = (near.over.reshape(-1, 3).take(chosen, 0) > along * self._period) | table.flat.take(pair, 0)
         across = (along * along * stays) @ _THREE - rate * rate
@@ -169,7 +172,7 @@ class LinkDistance:
         return y, -rate, -row, -bias
 
     def _late(self, y: Array, rate: Array) -> Array:
-        """Braking that is missing from 2 gamma, the most that a row asks for, to stop in front of the minimum."""
+        """Braking needed to stop before the minimum, beyond the 2 gamma that a constraint demands at most."""
         coming = np.maximum(rate, 0.0)
         within = np.maximum(-y, coming * self._period)
         needed = 0.5 * coming * coming / np.maximum(within, _TINY)
@@ -177,15 +180,15 @@ class LinkDistance:
 
 
 class _SlowDown:
-    """Joints turn no faster than they could be stopped in front of the minimum, all together and along their path.
+    """Limits joint speeds so that the joints, braking together along their path, can stop before the minimum.
 
-    On their path to rest, s = max `|v_i|`/a_i of their speeds long, y grows by y' s + y''(u = 0) s^2/2, less what half
-    of the accelerations a turn away meanwhile: turn s^2/2. At speeds z^(1/2) times as high y = 0 is not passed while
+    They stop after s times their velocities, s = max `|v_i|`/a_i. Meanwhile y grows by y' s + y''(u = 0) s^2/2, minus
+    turn s^2/2, by which half of the accelerations a can turn away. At z^(1/2) times the speeds y stays below 0 while
 
         y + (y' s - turn s^2/2) z + y''(u = 0) s^2/2 z^2 <= 0
 
-    Rows (v/`|v|`) u <= (z^(1/2) - 1) `|v|`/Ts of the joints that move the two shapes, of the balls that need it most;
-    they give way before the distance itself does, and to be too fast is no violation: y is reported as 0.
+    Rows (v/`|v|`) u <= (z^(1/2) - 1) `|v|`/Ts for the joints that move the two shapes, of the most urgent balls. Their
+    slack is cheaper than that of the distance, and too high a speed is no violation: y is reported as 0.
     """
 
     relative_degree = 1
@@ -206,7 +209,7 @@ class _SlowDown:
         return [pairs[i] for i in self._limits(motion)[2]]
 
     def _limits(self, motion: RobotMotion) -> tuple[Array, Array, Indices]:
-        """Directions of the rows, the limits of all balls of the distance, and which of these the rows are of."""
+        """Directions of the rows, the limits of all balls of the distance, and the indices of those with a row."""
         y, rate, row, bias = self._distance.second_derivative(motion)
         speeds, acceleration = motion.v, self._acceleration
         ahead = max((np.abs(speeds) / acceleration).max(), _TINY)
@@ -215,7 +218,7 @@ class _SlowDown:
         bend = bias * (ahead * ahead)
         square = slope * slope - 2.0 * bend * y
         root = np.sqrt(np.maximum(square, 0.0))
-        # The first zero: by the one or the other formula, whichever loses no digits; none where the square is below 0.
+        # The first zero, by whichever of two formulas has no cancellation; there is none where the square is below 0.
         rising = slope > 0.0
         with np.errstate(divide="ignore", invalid="ignore"):
             reached = np.where(rising, -2.0 * y / (slope + root), np.where(bend > 0.0, (root - slope) / bend, np.inf))

@@ -1,7 +1,8 @@
-"""Which ball is how far from which core, and how fast it comes: the pairs of a robot's shapes as arrays.
+"""Distances and approach speeds of balls and cores: the pairs of a robot's shapes as arrays.
 
-See `forcectl.collision.shapes` for balls and cores. The balls of a solid come in rows; a pair is such a group
-and a core. The middle of a row, how it moves, and the slope of the distance along it tell which groups to look at.
+See `forcectl.collision.shapes` for balls and cores. The balls of a solid are divided into rows, called groups; a pair
+is a group and a core. Which pairs are evaluated is decided by the distance of the middle of the row from the core, its
+velocity, and the slope of the distance along the row.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from forcectl.errors import BadInputError
 from forcectl.robot.joint_tree import TreeState
 
 _TINY = 1e-9  # [m]
-# V -> the matrix M of x M = w x x, for rows x.
+# V -> the matrix M with x M = w x x, for row vectors x.
 _TURN = np.zeros((6, 9))
 for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _TURN[_i, 3 * _j + _k], _TURN[_i, 3 * _k + _j] = 1.0, -1.0
-# V -> the matrix that takes points of a body, homogeneous, to their velocities.
+# V -> the matrix that maps points of a body, in homogeneous coordinates, to their velocities.
 _MOVING = np.zeros((6, 16))
 _MOVING.reshape(6, 4, 4)[:, :3, :3] = _TURN.reshape(6, 3, 3).swapaxes(1, 2)
 _MOVING.reshape(6, 4, 4)[3:, :3, 3] = np.eye(3)
@@ -30,14 +31,14 @@ class NearBalls(NamedTuple):
     """The balls of p pairs of a group and a core; vectors in W unless said otherwise.
 
     Attributes:
-        pair: (p,).
+        pair: indices of the pairs in the `PairTable`, (p,).
         R: axes of the core in W, (p, 3, 3).
-        x: centres, (p, b, 3) [m].
-        over: how far x is beside the box, along its axes, negative within, (p, b, 3) [m].
-        gap: from the box to x, negative inside, (p, b) [m].
+        x: centres of the balls, (p, b, 3) [m].
+        over: distance of x beyond the box along each of its axes, negative within, (p, b, 3) [m].
+        gap: distance from the box to x, negative inside, (p, b) [m].
         normal: unit vector from the box to x, (p, b, 3).
-        w: velocity of x as seen on the core's link, (p, b, 3) [m/s].
-        distance: between ball and core, infinite for a copy, (p, b) [m].
+        w: velocity of x relative to the core's link, (p, b, 3) [m/s].
+        distance: between ball and core, infinite for a copy of a ball, (p, b) [m].
     """
 
     pair: Indices
@@ -51,29 +52,29 @@ class NearBalls(NamedTuple):
 
 
 class PairTable:
-    """Groups of balls (g of them, of b balls each, filled up with copies), cores (c), and pairs (p) of the two.
+    """Arrays of g groups of b balls each, filled up with copies, of c cores, and of p pairs of a group and a core.
 
     Args:
-        shapes: whose pairs.
+        shapes: shapes and their pairs.
         tolerance, box_tolerance: see `cover` [m].
 
     Attributes:
-        group_link: (g,).
-        balls: centres on the link (g, b, 3) [m].
-        real: (g, b), not a copy.
-        core_link: (c,).
-        X_LC: (c, 4, 4).
-        half: (c, 3) [m].
-        core_radius: (c,) [m].
-        pair_group, pair_core: (p,).
-        pair: which of `shapes.pairs` it is, (p,).
-        on_ball, on_core: links, (p,).
+        group_link: link of each group, (g,).
+        balls: centres on the link, (g, b, 3) [m].
+        real: whether a ball is not a copy, (g, b).
+        core_link: link of each core, (c,).
+        X_LC: pose of each core on its link, (c, 4, 4).
+        half: half the size of each core's box, (c, 3) [m].
+        core_radius: radius of each core around its box, (c,) [m].
+        pair_group, pair_core: group and core of each pair, (p,).
+        pair: index of each pair in `shapes.pairs`, (p,).
+        on_ball, on_core: links of group and core of each pair, (p,).
         moves: 1 for the joints that move the ball and not the core, -1 for those that move the core alone, else 0, (p,
             n).
-        flat: directions in which the core's box is, (p, 3).
+        flat: whether the core's box has no extent, in each direction, (p, 3).
 
     Raises:
-        BadInputError: no pairs.
+        BadInputError: there are no pairs.
     """
 
     def __init__(self, shapes: RobotShapes, tolerance: float, box_tolerance: float):
@@ -81,7 +82,7 @@ class PairTable:
             raise BadInputError("collision shapes: there is no pair of shapes that move against each other")
         solids = shapes.solids
         balls = [cover(solid, tolerance, box_tolerance) for solid in solids]
-        # Boxes are cores, else the solid of more balls.
+        # A box is the core of its pair; otherwise the solid with more balls is.
         ranks = [(solid.is_box, sum(map(len, each.rows))) for solid, each in zip(solids, balls, strict=True)]
         as_balls = [(a, b) if ranks[a] <= ranks[b] else (b, a) for a, b in shapes.pairs]
         groups: dict[int, list[int]] = {}
@@ -102,7 +103,7 @@ class PairTable:
         self._fill_groups()
         self._all = np.arange(len(self.pair))
         self.on_ball, self.on_core = self.group_link[self.pair_group], self.core_link[self.pair_core]
-        # Where the velocity of a pair's row is, moved by the link of the ball and by that of the core.
+        # Index of the velocity of a pair's row, if it moved with the link of the ball, and with that of the core.
         self._by_ball = self.on_ball * len(self.group_link) + self.pair_group
         self._by_core = self.on_core * len(self.group_link) + self.pair_group
         self.moves = shapes.tree.moves[self.on_ball] - shapes.tree.moves[self.on_core]
@@ -121,7 +122,7 @@ class PairTable:
             on_link = centres @ solid.X_LC[:3, :3].T + solid.X_LC[:3, 3]
             self.balls[i] = on_link[np.minimum(np.arange(size), len(centres) - 1)]
             self.real[i, : len(centres)] = True
-        # Each row as a segment, from its middle: [half of it, middle] as columns that X_WL takes to W.
+        # Each row as a segment: the columns [half of it, its middle], which X_WL maps to W.
         first, last = self.balls[:, 0], self.balls[:, -1]
         self._segment = np.zeros((len(first), 4, 2))
         self._segment[:, :3, 0], self._segment[:, :3, 1] = 0.5 * (last - first), 0.5 * (last + first)
@@ -143,7 +144,7 @@ class PairTable:
         beside = np.maximum(over, 0.0)
         gap = np.sqrt(np.einsum("pbi,pbi->pb", beside, beside))
         unit = gap[:, :, None]
-        if not gap.all():  # a centre inside the box: out through the nearest face
+        if not gap.all():  # a centre is inside the box: the normal is that of the nearest face
             inside = gap == 0.0
             beside[inside] = np.eye(3)[over[inside].argmax(axis=1)]
             unit = np.where(inside, 1.0, gap)[:, :, None]
@@ -154,11 +155,11 @@ class PairTable:
         return NearBalls(pair, R, x, over, gap, normal, w, gap - self._radii.take(pair, 0))
 
     def _speed_left(self, X_WL: Array, X_WC: Array, V: Array, minimum: float, gamma: float) -> Array:
-        """About the least `speed_left` of the balls of each pair, (p,) [m/s]."""
+        """Estimate of the least `speed_left` of the balls of each pair, (p,) [m/s]."""
         rows = X_WL.take(self.group_link, 0) @ self._segment
-        # The velocity of the middle of every row on a body that moves as any link, (links, g, 4).
+        # Velocity of the middle of every row, if it moved with each of the links, (links, g, 4).
         moving = ((V @ _MOVING).reshape(-1, 4) @ rows[:, :, 1].T).reshape(len(V), 4, -1).swapaxes(1, 2).reshape(-1, 4)
-        # Of each pair: half of the row, its middle, and the velocity of that, as the core sees them.
+        # Of each pair, relative to the core and in its axes: half of the row, its middle, and the middle's velocity.
         X, seen = X_WC.take(self.pair_core, 0), np.empty((len(self.pair), 3, 3))
         seen[:, :, :2] = rows.take(self.pair_group, 0)[:, :3]
         seen[:, :, 1] -= X[:, :3, 3]
@@ -168,16 +169,16 @@ class PairTable:
         gap = np.sqrt(np.einsum("pi,pi->p", beside, beside))
         normal = np.copysign(beside, seen[:, :, 1])
         slope, rate = np.einsum("pi,pij->jp", normal, seen[:, :, ::2]) / np.maximum(gap, _TINY)
-        # The distance is convex along the row: at its ends no less than by its slope at the middle.
+        # The distance is convex along the row: the tangent at its middle is a lower bound at its ends.
         return speed_left(gap - np.abs(slope) - self._pair_radii - minimum, rate, gamma)
 
 
 def speed_left(spare: Array, rate: Array, gamma: float) -> Array:
-    """How much faster a distance may shrink before braking at gamma comes too late [m/s].
+    """By how much faster a distance may shrink before braking at gamma would be too late [m/s].
 
     Args:
         spare: distance above the minimum [m].
-        rate: of the distance [m/s].
-        gamma: < 0 [m/s^2].
+        rate: rate of the distance [m/s].
+        gamma: braking, < 0 [m/s^2].
     """
     return np.copysign(np.sqrt(np.abs(spare) * (-2.0 * gamma)), spare) + rate

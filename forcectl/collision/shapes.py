@@ -1,13 +1,13 @@
-"""Collision shapes of a robot, read from its model, in the form in which distances of many pairs are cheap.
+"""Collision shapes of a robot, read from its model, in a form in which distances of many pairs are cheap to compute.
 
-Each pair of shapes is made of a *core* and of *balls*::
+Each pair of shapes consists of a *core* and of *balls*::
 
     core    the points within a radius of a box that is fixed on a link; the box may be flat in any direction, so that
             a capsule is the core with the box (0, 0, length/2), a sphere that with (0, 0, 0)
     balls   spheres fixed on a link that together contain the other shape, up to `tolerance` beyond its surface
 
-The distance of a ball from a core has a closed form and is convex in the place of the ball. Distances are too small by
-up to `tolerance`, or `box_tolerance` where two boxes meet: exact wherever a sphere meets anything.
+The distance of a ball from a core has a closed form and is convex in the position of the ball. Distances are too small
+by up to `tolerance`, or `box_tolerance` between two boxes. They are exact between a sphere and any shape.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from forcectl.robot.joint_tree import JointTree
 from forcectl.robot.meshes import Enclosure, enclosure
 from forcectl.robot.parts import RobotParts, Tool, add_robot
 
-_ROW = 6  # balls at most
+_ROW = 6  # largest number of balls in a row
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Solid:
         link: see `JointTree`.
         X_LC: pose of its middle on the link, (4, 4), z along a capsule.
         half: half the size of the box (3,) [m].
-        radius: around it [m].
+        radius: distance from the box up to which points belong to the solid [m].
     """
 
     name: str
@@ -64,17 +64,17 @@ class Solid:
 
     @property
     def is_box(self) -> bool:
-        """Whether it is more than a sphere or a capsule."""
+        """Whether it is a box, and not a sphere or a capsule."""
         return bool(self.half[:2].any())
 
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Something in the world that is not a part of the robot.
+    """A shape fixed to the world that is not a part of the robot.
 
     Attributes:
         shape: Drake's `Sphere`, `Capsule` or `Box`.
-        X_WO: its pose.
+        X_WO: pose of the shape in the world.
         name: for messages.
     """
 
@@ -91,7 +91,7 @@ class Balls(NamedTuple):
 
 
 def cover(solid: Solid, tolerance: float, box_tolerance: float) -> Balls:
-    """Balls that contain a solid and stand out of it by at most a tolerance [m], `box_tolerance` if it is a box."""
+    """Balls that contain a solid and exceed it by at most `tolerance` [m], or by `box_tolerance` if it is a box."""
     if solid.is_box:
         return _cover_box(solid.half, box_tolerance)
     length, radius = 2 * solid.half[2], solid.radius
@@ -106,7 +106,7 @@ def cover(solid: Solid, tolerance: float, box_tolerance: float) -> Balls:
 
 
 def _cover_box(half: Array, tolerance: float) -> Balls:
-    """A ball around each cell of a grid, but for the cells that are at no face."""
+    """A ball around each cell of a grid at a face of the box; inner cells are left out."""
     if not (half > 0).all():
         raise BadInputError(f"box of size {(2 * half).tolist()}: must be above zero in every direction")
     for step in itertools.count(1):
@@ -131,10 +131,10 @@ class RobotShapes:
     """The collision shapes of a robot with its tools, and the pairs of them that Drake would check.
 
     Attributes:
-        tree: of the plant whose link a shape is on.
+        tree: joint tree of the plant, with the links of the shapes.
         parts: of the robot.
-        solids: its shapes.
-        pairs: of solids.
+        solids: shapes of the robot, and of obstacles if there are any.
+        pairs: two indices of solids each.
     """
 
     def __init__(self, tree: JointTree, parts: RobotParts, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]):
@@ -144,11 +144,13 @@ class RobotShapes:
 
     @classmethod
     def load(cls, robot: str | Path, tool: Tool | Mapping[str, Tool]) -> RobotShapes:
-        """The shapes of what `forcectl.robot.model.add_robot` puts into a plant; joints in the order of `RobotModel`.
+        """The shapes of what `forcectl.robot.model.add_robot` adds to a plant; joints in the order of `RobotModel`.
+
+        A cylinder is replaced by the capsule around it, a mesh by the box or capsule around it.
 
         Raises:
-            BadInputError: unknown robot or tool, a shape that is missing, or one that is no sphere, capsule, cylinder,
-                box or mesh. A cylinder is taken for the capsule around it, a mesh for the box or capsule around it.
+            BadInputError: unknown robot or tool, a shape that is missing, or one that is not a sphere, capsule,
+                cylinder, box or mesh.
         """
         plant, scene_graph = MultibodyPlant(0.001), SceneGraph()
         plant.RegisterAsSourceForSceneGraph(scene_graph)
@@ -185,11 +187,11 @@ class RobotShapes:
             solids.append(Solid(name, *tree.place(body.body_frame(), pose), *core))
         index = {geometry: i for i, geometry in enumerate(geometries)}
         pairs = [(index[a], index[b]) for a, b in candidates]
-        # Two shapes of one link keep their distance whatever the joints do.
+        # The distance of two shapes on one link is constant.
         return cls(tree, parts, solids, [(a, b) for a, b in pairs if solids[a].link != solids[b].link])
 
     def against(self, obstacles: Iterable[Obstacle]) -> RobotShapes:
-        """The pairs of each obstacle with each shape that the joints move."""
+        """The pairs of each obstacle with each of the shapes that the joints move."""
         moved = [i for i, solid in enumerate(self.solids) if self.tree.moves[solid.link].any()]
         solids, pairs = list(self.solids), []
         for obstacle in obstacles:
@@ -199,11 +201,12 @@ class RobotShapes:
         return RobotShapes(self.tree, self.parts, solids, pairs)
 
     def without(self, touching: Iterable[tuple[str, str]]) -> RobotShapes:
-        """The same pairs but for those of shapes that may touch.
+        """The same pairs without those of shapes that may touch.
 
         Args:
-            touching: two names each: of a shape, "finger_1/left_yumi_gripper::finger", or for all shapes of a body or a
-                tool that of the body, "finger_1", of the tool, "left_yumi_gripper", or both, with the mark between.
+            touching: pairs of names: of a shape, "finger_1/left_yumi_gripper::finger", or for all shapes of a body or a
+                tool that of the body, "finger_1", of the tool, "left_yumi_gripper", or of both,
+                "finger_1/left_yumi_gripper".
 
         Raises:
             BadInputError: there is no such shape.
@@ -217,7 +220,7 @@ class RobotShapes:
 
     @property
     def names(self) -> list[str]:
-        """What may be named, see `without`: tools, bodies and shapes."""
+        """Names that `without` accepts: of tools, bodies and shapes."""
         every = [name for solid in self.solids for name in _names(solid)]
         return sorted(dict.fromkeys(every), key=len)
 

@@ -1,7 +1,7 @@
-"""What controllers and estimators may use of the plant: the model they are designed with.
+"""The model of the plant that controllers and estimators are designed with, and all that they may use of the plant.
 
-The model is made from the station's configuration and then changed by the scenario's part `model`. It shares no object
-with the simulated plant whose change could be seen on the other side.
+The model is made from the station's configuration and then changed by the scenario's part `model`. It shares no mutable
+object with the simulated plant, so that a change of one does not affect the other.
 """
 
 from __future__ import annotations
@@ -32,33 +32,33 @@ class PlantModel:
         period: control tick [s].
         robot_compliance: C_R, shape (k,) [m/N].
         environment_compliance: C_E, shape (k,) [m/N].
-        sensor_bandwidth: of the lag of the measured force [rad/s].
-        sensor_damping_ratio: of that lag [1].
-        sensor_delay: before that lag [s].
+        sensor_bandwidth: bandwidth of the filter of the measured force [rad/s].
+        sensor_damping_ratio: damping ratio of that filter [1].
+        sensor_delay: delay before that filter [s].
         sensor_range: largest force that can be measured [N]; infinite where it is not known.
-        sensor_noise: standard deviation per tick, before that lag [N].
-        sensor_quantum: step of the readings, before that lag [N].
-        pulls: surfaces may pull, so that forces below zero are true ones.
-        drive_compliance: part of C_R between command and motors, shape (k,) or a number [m/N]; the positions of the
-            motors show it.
-        gap: way to the surface at the start, shape (k,) or a number [m].
+        sensor_noise: standard deviation of the noise per tick, before that filter [N].
+        sensor_quantum: quantisation step of the readings, before that filter [N].
+        pulls: whether surfaces can pull, so that true forces may be negative.
+        drive_compliance: part of C_R between command and motors, shape (k,) or a number [m/N]; its deflection is in the
+            positions of the motors.
+        gap: distance to the surface at the start, shape (k,) or a number [m].
         robot: kinematics, dynamics and limits; its TCP is that of the first loop's arm. None without a robot.
         start: measured joint positions at the start, shape (n,) [rad].
         normals: outward unit normal of the surface of each loop in the world, shape (k, 3).
         arms: name of the arm of each loop.
-        posture_period: how often what depends on the posture only is renewed [s].
-        singularity_limit: joint motion per metre of tool motion that is used undamped [rad/m].
-        constant_jacobian: the plant has the constant Jacobian of the start posture.
-        has_gravity: the plant feels gravity.
+        posture_period: period at which quantities that depend only on the posture are renewed [s].
+        singularity_limit: largest joint motion per metre of tool motion that is not damped [rad/m].
+        constant_jacobian: whether the plant has the constant Jacobian of the start posture.
+        has_gravity: whether gravity acts on the plant.
         friction: of the joints.
         rotor_inertia: at the joints, shape (n,) [kg m2].
-        velocity_bandwidth: of the filter behind the measured speeds [rad/s].
+        velocity_bandwidth: bandwidth of the filter of the measured speeds [rad/s].
         obstacles: configurations of the boxes around the robot, by name.
 
     Compliances may be given as numbers or lists.
 
     Raises:
-        BadInputError: a compliance, a period or a lag of the sensor that cannot be.
+        BadInputError: a compliance, a period or a sensor parameter out of its bounds.
     """
 
     size: int
@@ -104,7 +104,7 @@ class PlantModel:
 
     @property
     def sensor_lag(self) -> float:
-        """Lag of the measured force behind a steady ramp of the true one, filter and delay [s]."""
+        """Lag of the measured force behind a steady ramp of the true force, from filter and delay [s]."""
         return 2 * self.sensor_damping_ratio / self.sensor_bandwidth + self.sensor_delay
 
     @property
@@ -112,7 +112,7 @@ class PlantModel:
         """Unit normal of the one force loop, shape (3,).
 
         Raises:
-            BadInputError: there is another number of loops.
+            BadInputError: there is not exactly one loop.
         """
         if len(self.normals) != 1:
             raise BadInputError(f"the station has {len(self.normals)} surfaces: must have one for this controller")
@@ -127,7 +127,7 @@ class PlantModel:
         """The robot.
 
         Raises:
-            BadInputError: the loop has none.
+            BadInputError: the loop has no robot.
         """
         if self.robot is None:
             raise BadInputError("the loop has no robot: must have one for this part")
@@ -141,7 +141,7 @@ class PlantModel:
     def tip_displacement(self) -> System:
         """A block from the positions of the joints, shape (n,) [rad], to the displacement of the tool along the normal.
 
-        Its output has shape (1,) [m]. It is the tangent of the start posture where the Jacobian is constant.
+        Its output has shape (1,) [m]. With a constant Jacobian it is linear, with the tangent of the start posture.
         """
         robot = self.known_robot()
         if not self.constant_jacobian:

@@ -1,4 +1,4 @@
-"""Wrenches on a robot, at its tool centre points and other frames: a load on its plant, and the torques of its joints.
+"""Wrenches on a robot at its tool centre points and other frames: as a load on its plant, and as joint torques.
 
     tau_ext = sum J_i' mu_i + tau_contact
 
@@ -24,7 +24,7 @@ from forcectl.robot.parts import RobotParts
 
 
 def _bodies_beyond(plant: MultibodyPlant, parts: RobotParts) -> list[tuple[set[int], set[int]]]:
-    """For each arm the indices of all its bodies that move, and of those that move rigidly with its TCP."""
+    """For each arm the indices of all bodies that its joints move, and of those fixed to its TCP."""
     found = []
     for arm in parts.arms.values():
         joints = [parts.joints[i].index() for i in range(arm.joints.start, arm.joints.stop)]
@@ -39,7 +39,7 @@ class HeldPart(NamedTuple):
 
     Attributes:
         arm: number of the arm.
-        bodies: indices of the part's bodies, which hang on the arm's TCP in the plant.
+        bodies: indices of the part's bodies, whose joints in the plant are relative to the arm's TCP.
     """
 
     arm: int
@@ -47,7 +47,7 @@ class HeldPart(NamedTuple):
 
 
 class _Wrenches:
-    """Inputs of wrenches on a robot: at the TCPs of a arms, of contacts there, and at b further frames."""
+    """Input ports for wrenches on a robot: loads and contacts at the TCPs of a arms, loads at b further frames."""
 
     def __init__(self, block: LeafSystem, arms: int, bodies: int):
         self.arms, self.bodies = arms, bodies
@@ -56,7 +56,7 @@ class _Wrenches:
         self.tickets = {port.ticket() for port in (*self.tips, self.body) if port is not None}
 
     def read(self, context: Context) -> tuple[Array, Array]:
-        """Sums at the TCPs, shape (a, 6), and at the further frames, (b, 6); what is not finite counts as zero."""
+        """Sums at the TCPs, shape (a, 6), and at the further frames, (b, 6); a wrench not finite counts as zero."""
         at_tips, on_bodies = np.zeros((self.arms, 6)), np.zeros((self.bodies, 6))
         for port in self.tips:
             if port.HasValue(context):
@@ -73,7 +73,7 @@ def _finite_rows(values: Array) -> Array:
 
 
 class TipLoad(PythonBlock):
-    """Wrenches on a robot as a load on the plant.
+    """Wrenches on a robot as externally applied forces on the plant.
 
     ```
     name: TipLoad
@@ -86,13 +86,13 @@ class TipLoad(PythonBlock):
     body_wrench: shape (6b,), at the origins of the further frames in the world [Nm, N].
     spatial_forces: abstract, for the plant's `applied_spatial_force` input. Feedthrough.
 
-    Each input may be left unconnected. A wrench that is not finite is none.
+    Each input may be left unconnected. A wrench that is not finite counts as zero.
 
     Sampling: none; evaluated when read.
 
     Args:
         parts: of the robot in the plant.
-        frames: further ones of the plant.
+        frames: further frames of the plant, for body_wrench.
     """
 
     port_units = {"external_wrench": "Nm,N", "contact_wrench": "Nm,N", "body_wrench": "Nm,N"}
@@ -118,7 +118,7 @@ class TipLoad(PythonBlock):
 
 
 class LoadTruth(PythonBlock):
-    """What loads and contacts really do to a robot.
+    """True joint torques, TCP wrenches and contact forces of a robot under its loads and contacts.
 
     ```
     name: LoadTruth
@@ -131,7 +131,7 @@ class LoadTruth(PythonBlock):
     contact_results: abstract, of the plant. contact_torque: shape (n_v,), its generalized contact forces on the model
     instance of the robot [Nm]. Both may be left unconnected: no contacts.
     part_released: shape (h,), of h held parts, 0 while held: contacts of a part count as those of the tool that holds
-    it, and not while it is released [1]. Must be connected where parts are held.
+    it, but not while it is released [1]. Must be connected if there are held parts.
     contact_pair_1: abstract, of a `PegContact` between parts, see there; contact_pair_2 of a second one, and so on.
     external_torque: shape (n,), joint torques of all loads and contacts [Nm]. Feedthrough of all inputs but
     contact_results. Feedthrough of contact_results when parts are held.
@@ -146,9 +146,9 @@ class LoadTruth(PythonBlock):
         robot: kinematics.
         plant: finalized, with the robot.
         parts: of the robot in the plant.
-        frames: the further ones of `TipLoad`, of the robot's own plant.
+        frames: the further frames of `TipLoad`, in the robot's own plant.
         held: parts that arms hold.
-        pairs: number of contacts that are not the plant's own.
+        pairs: number of contacts that the plant does not compute itself, each with an input.
     """
 
     port_units = {
@@ -237,8 +237,8 @@ class LoadTruth(PythonBlock):
                 torque += self._robot.jacobian_of(self._posture.Eval(context), frame).T @ wrench
         if self._contact_torque.HasValue(context):
             torque += self._contact_torque.Eval(context)[self._rows]
-        # In the plant's contact torques are those of held parts, and also those of a released part, which still hangs
-        # on the arm's coordinates. Contacts that are not the plant's own are not in them.
+        # The plant's contact torques include contacts of held parts, and also of released parts, whose coordinates are
+        # still relative to the arm: these are subtracted. Contacts of `pairs` are not included: those are added.
         for part, free in zip(self._held, self._are_released(context), strict=True):
             contacts, sign = (self._read(context), -1.0) if free else (self._pairs.read(context), 1.0)
             if contacts:

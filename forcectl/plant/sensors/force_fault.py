@@ -147,8 +147,8 @@ class FaultyForce(SampledBlock):
     reading: shape (n,) [N]. measured_force: shape (n,) [N]. Feedthrough of reading at the tick.
 
     nan, inf, value: this is reported. frozen: the last reading before the fault is repeated. lost: every second tick
-    repeats the reading of the tick before. jitter: each tick has a random delay. scale: the reading times a factor.
-    noise: white noise is added.
+    repeats the reading of the tick before. jitter: each reading is a random number of ticks old. scale: the reading
+    times a factor. noise: white noise is added.
 
     Sampling: every `period` [s]; no delay.
 

@@ -349,7 +349,7 @@ class ForceSensorConfig(Config, in_batches=True):
         return self.bandwidth, self.damping_ratio, self.delay
 
     def channel_scale(self) -> Matrix:
-        """Factors on the parameters of the six channels of a wrench [torque; force], shape (6,): `torque_ratio`, or 1."""
+        """Factors on noise, quantum, bias, drift and range of the channels of a wrench [torque; force], shape (6,)."""
         return np.repeat([self.torque_ratio, 1.0], 3)
 
     def filter(self, size: int, period: float) -> LinearSystem | LinearBatch:

@@ -35,7 +35,7 @@ _ROUNDING = 1e-9  # [s] rounding error of the times of ticks
 
 @dataclass(frozen=True)
 class ReadingFault:
-    """A fault from `start` until before `end` [s]: `kind` is one of `FAULTS`, `joint` its joint, or None for all joints.
+    """A fault from `start` until before `end` [s]: `kind` is one of `FAULTS`, `joint` the joint, or None for all.
 
     nan: position and speed are not numbers. frozen: the position stays constant, and the speed is computed from it.
     lost: all readings of all joints are those of the tick before.

@@ -1,19 +1,19 @@
-"""Contact of a cap that is turned on a mount, without meshes: feet on a wavy face, and a stop that is the lock.
+"""Contact of a cap that is turned on a mount, without meshes: feet on a wavy face, and a lock as a torsional spring.
 
-The mount has n feet at a radius r in its face, evenly around it; the cap's face is in its mouth, with waves of the
-height h = A sin(N angle) around its axis. The feet are firm, with k each, on a seat that is soft along the mouth's axis
-only: it gives way by s against K_s. Each foot has its share of the damping D, and Coulomb's friction, smooth below 1
-mm/s::
+The mount has n feet at a radius r in its face, evenly spaced; the cap's face is in its mouth, with waves of the height
+h = A sin(N angle) around its axis. Each foot has the stiffness k, and all are on a seat that is compliant along the
+mouth's axis only: it deflects by s, with the stiffness K_s. Each foot has its share of the damping D, and Coulomb
+friction, regularised below 1 mm/s::
 
     f_i = max(0, k (h_i - z_i - s) + D (h_i' - z_i')/n),    K_s s = sum of max(0, k (h_i - z_i - s)),
     1/K = 1/K_s + 1/(n k)
 
-so that K is the stiffness of the aligned contact. Against tilting it is n k r^2/2 while all feet touch; else what
-presses is at one foot or between two, r cos(pi/n) from the axis or more. The slope of the waves is left out: N A/r,
-0.04 with the defaults. While a foot touches, the lock is a torsional spring beyond its angle. Contact ends where the
-mount is r/2 beyond the face or r beside its axis, and where a gripper lets one of the parts go. Parts that are locked
-then, turned beyond the angle of the lock with a foot that touches, hold each other from there on, with the stiffness K
-along and that of the lock about all axes, see `locked_parts`.
+so that K is the stiffness of the aligned contact. The tilting stiffness is n k r^2/2 while all feet touch; otherwise
+the resultant force is at one foot or between two, at least r cos(pi/n) from the axis. The slope of the waves, N A/r,
+0.04 with the defaults, is neglected. While a foot touches, the lock is a torsional spring beyond its angle. Contact
+ends where the mount is r/2 behind the face or r beside its axis, and when a gripper releases one of the parts. If they
+are locked then, turned beyond the angle of the lock with a foot in contact, they hold each other from then on, with the
+stiffness K along and that of the lock about all axes, see `locked_parts`.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact, ch
 from forcectl.plant.contact.pairs.step_ahead import REMEMBERED, StepAhead
 from forcectl.robot.joint_tree import cross
 
-_SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
+_SLIP = 1e-3  # [m/s] slip speed below which friction is regularised, smaller than Coulomb's
 
 
 @dataclass(kw_only=True)
 class CapOnMountConfig(Config):
-    """Scenario part `!CapOnMount`: the contact of two `!Part`s by `CapContact`, in place of that of their shapes."""
+    """Scenario part `!CapOnMount`: contact of two `!Part`s by `CapContact`, in place of the contact of their shapes."""
 
     mount: str = key(meaning="name of the part with the feet")
     cap: str = key(meaning="name of the part with the face")
@@ -97,15 +97,15 @@ class CapContact(PairContact):
     ```
 
     body_poses, body_velocities: abstract, of the plant.
-    released: shape (2,), 1 where what holds the mount, the cap lets it go; held where it is not connected [1].
+    released: shape (2,), 1 while the mount, the cap is released by its gripper; held where it is not connected [1].
     spatial_forces: abstract, on both bodies, for the plant's `applied_spatial_force` input. Feedthrough.
     body_contact_wrench: shape (6,), on the mount at the mouth in the mouth's frame, [torque; force] [Nm, N].
     Feedthrough.
     contact_pair: abstract, tuple of no or one `BodyContact`, between the bodies of cap and mount. Feedthrough.
 
-    Sampling: every `time_step` [s] what the next step needs of this one, and whether and where the parts are locked;
-    the outputs are evaluated when read. A discrete plant holds the force of the feet over its step h: parts that are
-    held softly need K h^2 well below their mass. Locked parts need not.
+    Sampling: every `time_step` [s] the values for the next step, and whether and where the parts are locked; the
+    outputs are evaluated when read. A discrete plant holds the force of the feet over its step h: for parts that are
+    held softly, K h^2 must be well below their mass. This does not apply to locked parts.
 
     Args:
         plant: finalized, see `StepAhead`.
@@ -116,7 +116,7 @@ class CapContact(PairContact):
     """
 
     def __init__(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, config: CapOnMountConfig, *, time_step: float):
-        # Beside what the step needs: whether the parts are locked, orientation and place of the tip there.
+        # State: values of `StepAhead`, then whether the parts are locked, and the locked orientation and position.
         super().__init__(tip, mouth, REMEMBERED + 13, time_step)
         angles = 2.0 * np.pi * np.arange(config.feet) / config.feet
         feet = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(config.feet)])
@@ -137,7 +137,7 @@ class CapContact(PairContact):
                 wrench = holding_wrench(self._holding, displaced, mobility, free, self._step)
             return wrench, np.concatenate([self._ahead.remembered(own, wrench, released), lock])
         turning = mouth.R.T @ (tip.w - mouth.w)
-        # Of the mount's point in the mouth, seen from the cap.
+        # Velocity of the mount's point at the mouth, relative to the cap.
         moving = mouth.R.T @ (tip.v - mouth.v - cross_matrix(tip.w) @ (tip.p - mouth.p))
         wrench, lock = np.zeros(6), np.zeros(13)
         if self._near(p):
@@ -167,10 +167,10 @@ def cap_wrench(config: CapOnMountConfig, feet: Array, rotation: Array, turning: 
 
     Args:
         config: sizes and coefficients.
-        feet: where they are, shape (n, 3) [m].
+        feet: positions of the feet, shape (n, 3) [m].
         rotation: of the mount in the cap, shape (3, 3).
         turning: angular velocity of the mount in the cap [rad/s].
-        moving: velocity of its point in the mouth [m/s].
+        moving: velocity of the mount's point at the mouth [m/s].
     """
     speed = moving - feet @ cross_matrix(turning)
     angle = config.waves * np.arctan2(feet[:, 1], feet[:, 0])
@@ -179,7 +179,7 @@ def cap_wrench(config: CapOnMountConfig, feet: Array, rotation: Array, turning: 
     rising = config.waviness * config.waves * np.cos(angle) * around
     firm, overlap, n = config.foot_stiffness, height - feet[:, 2], len(feet)
     seat = 1.0 / (1.0 / config.stiffness - 1.0 / (n * firm))
-    # Of all numbers of feet that may touch, that is right with which the seat gives way the most.
+    # The number of feet in contact is the one for which the seat deflects the most.
     gives_way = max(0.0, float((np.cumsum(-np.sort(-overlap)) / (seat / firm + np.arange(1, n + 1))).max()))
     pressing = firm * (overlap - gives_way) + config.damping * (rising - speed[:, 2]) / n
     forces = np.zeros((n, 3))

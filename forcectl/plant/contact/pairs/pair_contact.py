@@ -1,4 +1,4 @@
-"""What contacts of two parts share that stand in place of that of their shapes: ports, motion of both ends, forces."""
+"""Base of the contacts of two parts that replace the contact of their shapes: ports, motion of both frames, forces."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from forcectl.robot.robot_motion import pose_parts
 
 
 class PairContactPart(Protocol):
-    """A part of the environment that is the contact of two held or fixed parts.
+    """A part of the environment that models the contact of two held or fixed parts.
 
     Attributes:
         roles: keys with the names of the part with the tip and of that with the mouth.
@@ -34,14 +34,14 @@ class PairContactPart(Protocol):
     mouth: str
 
     def check_models(self, tip: str, mouth: str) -> None:
-        """Whether the models of both parts fit.
+        """Check that the models of both parts fit.
 
         Raises:
-            BadInputError: one does not.
+            BadInputError: one does not fit.
         """
 
     def contact(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, time_step: float) -> PairContact:
-        """The block, of the frames in a finalized plant of this step [s]."""
+        """The block for these frames of a finalized plant with this time step [s]."""
 
 
 def check_roles(part: PairContactPart) -> None:
@@ -55,7 +55,7 @@ class EndMotion(NamedTuple):
     """Motion of a frame in the world.
 
     Attributes:
-        R, p: orientation and place, shapes (3, 3) and (3,) [m].
+        R, p: orientation and position, shapes (3, 3) and (3,) [m].
         w, v: angular and linear velocity, shapes (3,) [rad/s, m/s].
     """
 
@@ -66,14 +66,14 @@ class EndMotion(NamedTuple):
 
 
 class _Contact(NamedTuple):
-    """The wrench on the body with the tip at the mouth.
+    """The wrench on the body with the tip, at the mouth.
 
     Attributes:
         wrench: in the axes of the mouth, shape (6,) [Nm, N].
         in_world: torque and force in the world, shapes (3,) [Nm, N].
-        apart: from the mouth to the tip, shape (3,) [m].
-        place: of the mouth, shape (3,) [m].
-        remembered: for the next step.
+        apart: position of the tip from the mouth, in the world, shape (3,) [m].
+        place: position of the mouth in the world, shape (3,) [m].
+        remembered: values kept for the next step.
     """
 
     wrench: Array
@@ -86,7 +86,7 @@ class _Contact(NamedTuple):
 class PairContact(PythonBlock):
     """Contact between two frames of a plant, each fixed to a body: `tip` of the one, `mouth` of the other.
 
-    A subclass gives the wrench on the body with the tip, and what it remembers of it for the next step.
+    A subclass computes the wrench on the body with the tip, and the values that it keeps for the next step.
 
     Args:
         tip, mouth: frames of the plant.
@@ -126,18 +126,18 @@ class PairContact(PythonBlock):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._step, offset_sec=0.0, update=self._remember)
 
     def wrench(self, context: Context, tip: EndMotion, mouth: EndMotion) -> tuple[Array, Array]:
-        """Wrench on the body with the tip at the mouth in its axes, shape (6,) [Nm, N]; what is to be remembered."""
+        """Wrench on the body with the tip, at the mouth in its axes, shape (6,) [Nm, N]; values for the next step."""
         raise NotImplementedError
 
     def released(self, context: Context) -> tuple[bool, bool]:
-        """Whether what holds the one with the tip, the one with the mouth lets it go."""
+        """Whether the body with the tip, and that with the mouth, is released by its gripper."""
         if not self._released.HasValue(context):
             return False, False
         tip, mouth = self._released.Eval(context) > 0.5
         return bool(tip), bool(mouth)
 
     def remembered(self, context: Context) -> Array:
-        """What `wrench` gives to be remembered at this time."""
+        """The values of `wrench` at this time that are kept for the next step."""
         found: _Contact = self._contact.Eval(context)
         return found.remembered
 
@@ -160,7 +160,7 @@ class PairContact(PythonBlock):
     def _apply(self, context: Context, output: AbstractValue) -> None:
         found = self._contact.Eval(context)
         torque, force = found.in_world
-        # Each at the origin of its own frame.
+        # Each wrench at the origin of its body's own frame, tip or mouth.
         both = (np.append(torque - cross_matrix(found.apart) @ force, force), -np.append(torque, force))
         ends = zip(self._ends, both, strict=True) if force.any() else ()
         output.set_value([applied_force(body, place, wrench) for (body, (place, _)), wrench in ends])

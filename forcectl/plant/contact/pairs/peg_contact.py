@@ -1,4 +1,4 @@
-"""Contact of a tapered peg in a bore without meshes, in a diagram and a scenario; the law is that of `peg_in_bore`."""
+"""Contact of a tapered peg in a bore without meshes: block and scenario part; the law is that of `peg_in_bore`."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from forcectl.plant.contact.pairs.peg_in_bore import (
 )
 from forcectl.plant.contact.pairs.step_ahead import REMEMBERED, StepAhead
 
-_NEAR = 0.02  # [m] of the tip above the mouth, below which contact is looked for
+_NEAR = 0.02  # [m] height of the tip above the mouth, below which contact is computed
 
 
 @dataclass(kw_only=True)
 class InsertionConfig(PegInBoreConfig):
-    """Scenario part `!PegInBore`: the contact of two `!Part`s by `PegContact`, in place of that of their shapes."""
+    """Scenario part `!PegInBore`: contact of two `!Part`s by `PegContact`, in place of the contact of their shapes."""
 
     peg: str = key(meaning="name of the part that is inserted")
     bore: str = key(meaning="name of the part with the bore")
@@ -44,7 +44,7 @@ class InsertionConfig(PegInBoreConfig):
         check_roles(self)
 
     def check_models(self, tip: str, mouth: str) -> None:
-        """Whether the clearance is that of the peg's model, if it is a shipped one; see `PairContactPart`."""
+        """Check that the clearance is that of the peg's model, if that is a shipped one; see `PairContactPart`."""
         clearance = CLEARANCES.get(tip.removeprefix("pipette_plunger_"), self.clearance)
         if not math.isclose(clearance, self.clearance):
             raise invalid("clearance", self.clearance, f"{clearance:g}, that of {tip}")
@@ -64,17 +64,17 @@ class PegContact(PairContact):
     ```
 
     body_poses, body_velocities: abstract, of the plant.
-    released: shape (2,), 1 where what holds the peg, the bore lets it go; held where it is not connected [1].
+    released: shape (2,), 1 while the peg, the bore is released by its gripper; held where it is not connected [1].
     spatial_forces: abstract, on both bodies, for the plant's `applied_spatial_force` input. Feedthrough.
     body_contact_wrench: shape (6,), on the peg at the mouth in the mouth's frame, [torque; force] [Nm, N]. Feedthrough.
     contact_pair: abstract, tuple of no or one `BodyContact`, between the bodies of bore and peg. Feedthrough.
 
-    Sampling: every `time_step` [s] what the next step needs of this one; the outputs are evaluated when read.
+    Sampling: every `time_step` [s] the values for the next step; the outputs are evaluated when read.
 
     Args:
-        plant: finalized; in its default posture the parts are about as easily moved as where they touch.
-        tip: frame of the plant in the peg's front face, z backwards.
-        mouth: frame of the plant in the opening of the bore, z out of it.
+        plant: finalized; in its default posture the mobility of the parts must be about that where they touch.
+        tip: frame of the plant in the peg's front face, z pointing into the peg.
+        mouth: frame of the plant in the opening of the bore, z pointing out of it.
         config: sizes and coefficients.
         time_step: h of the plant [s].
     """

@@ -1,13 +1,15 @@
 """Contact of a tapered peg in a bore with a lead-in chamfer, without meshes: Kelvin-Voigt springs on four rings.
 
-Both parts are turned. In the half plane of radius r and height z through an axis, the wall of the bore and the peg are
-convex, each the set where a few planes have a depth of at least zero, and the depth of a point is the least of them.
-They touch at an edge of one on a face of the other: the edges of the peg's tip and of its shoulder on the bore, the
-edge of the bore and that of its mouth on the peg. An edge is a ring of points. Along the normals the forces on it are
+Both parts are bodies of revolution. In the half plane of radius r and height z through an axis, the wall of the bore
+and the peg are convex: each is the set where a few planes have a depth of at least zero, and the depth of a point is
+the smallest of these. Contact is between an edge of one and a face of the other: the edges of the peg's tip and of its
+shoulder on the bore, the edge of the bore and that of its mouth on the peg. An edge is a ring of points. The normal
+forces on them are
 
     f_i = max(0, K d_i - D v_i) d_i/sum(d)        d depth, v speed of separation
 
-so that its stiffness K does not depend on the number of points, and Coulomb's along the face, smooth below 1 mm/s.
+so that the stiffness K of a ring does not depend on the number of points. Coulomb friction acts along the face,
+regularised below 1 mm/s.
 
 The forces are those at the end of a step, see `step_ahead`: linear in V+ there (stiffness, damping and friction of the
 points that would touch at the end of the step with V*).
@@ -26,9 +28,9 @@ from forcectl.arrays import Array
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
-SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
-_LONG, _WIDE = "above 0 and at most 2", "above 0 and at most 0.5"  # [m] of what arms put together
-_PASSES = 3  # to find the points that push, and their friction
+SLIP = 1e-3  # [m/s] slip speed below which friction is regularised, smaller than Coulomb's
+_LONG, _WIDE = "above 0 and at most 2", "above 0 and at most 0.5"  # [m] sizes of parts that arms can assemble
+_PASSES = 3  # iterations for the points in contact and their friction
 _IDENTITY = np.eye(6)
 _STRAIGHT = _IDENTITY[3:].ravel()
 _COUNT = 24  # points of a ring
@@ -86,7 +88,7 @@ def _ring(radius: float, z: float) -> Array:
 
 
 class PegProfile:
-    """Rings of points and planes (a, b, c) of depth a r + b z + c of a peg and a bore.
+    """Rings of points of a peg and a bore, and planes (a, b, c) with the depth a r + b z + c.
 
     Args:
         config: sizes.
@@ -107,7 +109,7 @@ class PegProfile:
 
 
 def _depths(points: Array, planes: Array) -> tuple[Array, Array]:
-    """Depth of each point in a turned part, shape (p,), and the outward normal there, (p, 3), in the part's frame."""
+    """Depth of points in a body of revolution, (p,), and its outward normal there, (p, 3), in the body's frame."""
     radius = np.hypot(points[:, 0], points[:, 1])
     each = planes[:, :1] * radius + planes[:, 1:2] * points[:, 2] + planes[:, 2:]
     which = each.argmin(axis=0)
@@ -119,13 +121,13 @@ def _depths(points: Array, planes: Array) -> tuple[Array, Array]:
 
 
 class Touch(NamedTuple):
-    """Points of a peg that touch a bore now, in the mouth's frame.
+    """Points at which a peg touches a bore, in the mouth's frame.
 
     Attributes:
-        points: where, shape (p, 3) [m].
+        points: positions, shape (p, 3) [m].
         normals: of the faces there, towards the peg, shape (p, 3).
         depths: shape (p,) [m].
-        shares: of the stiffness of their rings, shape (p,).
+        shares: share of each point in the stiffness of its ring, shape (p,).
     """
 
     points: Array
@@ -135,18 +137,18 @@ class Touch(NamedTuple):
 
 
 def touching(profile: PegProfile, R: Array, p: Array) -> Touch | None:
-    """Where a peg touches a bore; None where it does not.
+    """Points at which a peg touches a bore; None where there are none.
 
     Args:
         profile: of both.
-        R, p: orientation and place of the peg's tip in the mouth's frame, shapes (3, 3) and (3,) [m].
+        R, p: orientation and position of the peg's tip in the mouth's frame, shapes (3, 3) and (3,) [m].
     """
     peg_points = profile.on_peg @ R.T + p
     if peg_points[:, 2].min() > 0.0:
         return None
     depth, normals = _depths(peg_points, profile.wall)
     below = profile.floor - peg_points[:, 2]
-    if below.max() > 0:  # the floor is a part of its own
+    if below.max() > 0:  # the floor is a separate body
         inside = np.hypot(peg_points[:, 0], peg_points[:, 1]) < profile.rim
         low = (below > 0) & (below < profile.bottom) & inside
         depth, normals = np.where(low, below, depth), np.where(low[:, None], [0.0, 0.0, 1.0], normals)
@@ -162,10 +164,10 @@ def touching(profile: PegProfile, R: Array, p: Array) -> Touch | None:
 
 
 def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free: Array, step: float) -> Array:
-    """[torque; force] on the peg at the mouth over a step, shape (6,) [Nm, N].
+    """[torque; force] on the peg, at the mouth, over a step, shape (6,) [Nm, N].
 
     Args:
-        touch: the points, where the peg is at the end of the step without contact.
+        touch: the points in contact, with the peg where it is at the end of the step without contact.
         config: coefficients.
         mobility: W at the mouth, shape (6, 6).
         free: velocity V* of the peg there at the end of the step without contact [rad/s, m/s].
@@ -176,11 +178,11 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
     rows, every = np.einsum("ij,ijk->ik", n, points), points.reshape(-1, 6)
     stiff, response, along = c.stiffness * step, step * mobility, np.zeros(len(n))
     firm, apart = c.damping + stiff, rows @ free
-    elastic = c.stiffness * touch.depths + stiff * apart  # depths are of the end of the step
+    elastic = c.stiffness * touch.depths + stiff * apart  # the depths are those at the end of the step
     spring = elastic - firm * apart
     for _ in range(_PASSES):
         pushing = touch.shares * (spring > 0.0)
-        # Along the normals springs and dampers, in all other directions friction as a damper.
+        # Springs and dampers along the normals; friction as a damper along the faces.
         damper = (rows.T * (firm * pushing - along)) @ rows
         damper += (points * along[:, None, None]).reshape(-1, 6).T @ every
         then = dgesv(_IDENTITY + response @ damper, free + response @ ((pushing * elastic) @ rows))[2]

@@ -1,15 +1,16 @@
-"""What the contact of two parts would find at the end of a step if it did nothing, for laws that are solved there.
+"""Mobility of two parts and their relative velocity at the end of a step without contact, for implicit contact laws.
 
-A force that a discrete plant holds over a step h makes stiff contact unstable. So its law is taken at the end of the
-step, with the relative velocity V+ there. That follows from the mobility W of the two parts, each with what holds it,
-and from V*, what V+ would be without contact:
+A force that a discrete plant holds over a step h makes stiff contact unstable. So the contact law is evaluated at the
+end of the step, with the relative velocity V+ there. V+ follows from the mobility W of the two parts, each with its
+grasp or mount, and from V*, the value of V+ without contact:
 
     V+ = V* + h W F(V+),    V* = V + W W0^-1 (V - V-) - h W F-
 
-The part of V* beside V is what all but the contact did over the last step; W0 is the mobility without springs and
-dampers, which answer to a change of the velocity. At rest the force is that of the law whatever W is; W decides over
-stability only: parts that move more easily than it says ring, those that move less easily lag. In the first step after
-a hand let a part go V* is V: what the hand bore in the step before ended with it.
+V- and F- are velocity and contact wrench of the step before. V* - V is the effect of everything but the contact over
+the last step. W0 is the mobility without springs and dampers, which react to a change of velocity. At rest the force is
+that of the law for any W; W affects stability only: parts with a larger mobility than W oscillate, those with a smaller
+one respond slowly. In the first step after a gripper released a part V* is V: the load that the gripper carried in the
+step before ended with the release.
 """
 
 from __future__ import annotations
@@ -24,17 +25,17 @@ from forcectl.arrays import Array
 from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.contact.pairs.pair_contact import EndMotion
 
-REMEMBERED = 20  # velocities of tip and mouth, wrench of the contact, whether each was let go
+REMEMBERED = 20  # number of values: velocities of tip and mouth, wrench of the contact, whether each is released
 
 
 def mobility_of(plant: MultibodyPlant, frame: Frame, step: float) -> Array:
-    """Velocity that an impulse at a frame gives it, in the default posture.
+    """Mobility of a frame, from an impulse on it to its change of velocity, in the default posture.
 
-    Springs and dampers of actuators count with what an implicit step makes of them.
+    Springs p and dampers d of actuators add h d + h^2 p to the inertia, as in an implicit step h.
 
     Args:
         plant: finalized.
-        frame: that moves; reference point and axes.
+        frame: the frame; reference point and axes.
         step: of the plant [s]; 0: without springs and dampers.
 
     Returns:
@@ -53,10 +54,10 @@ def mobility_of(plant: MultibodyPlant, frame: Frame, step: float) -> Array:
 
 
 class StepAhead:
-    """W and V* above, of the tip at the mouth relative to it, in the axes of the mouth.
+    """W and V* above, of the tip relative to the mouth, at the mouth in its axes.
 
     Args:
-        plant: finalized; in its default posture the parts are about as easily moved as where they touch.
+        plant: finalized; in its default posture the mobility of the parts must be about that where they touch.
         tip, mouth: frames of the plant, each fixed to a part.
         step: h of the plant [s].
     """
@@ -66,19 +67,19 @@ class StepAhead:
         self._step = step
         held = [mobility_of(plant, frame, step) for frame in frames]
         bare = [mobility_of(plant, frame, 0.0) for frame in frames]
-        # Of each end, held and free: W and W W0^-1.
+        # W and W W0^-1 of each frame, held and free.
         self._ends_held = [(W, W @ np.linalg.pinv(W_0, 1e-9)) for W, W_0 in zip(held, bare, strict=True)]
         self._ends_free = [(W_0, np.eye(6)) for W_0 in bare]
 
     @staticmethod
     def own_velocities(tip: EndMotion, mouth: EndMotion) -> Array:
-        """Of each end in its own axes, to be remembered, shape (2, 6) [rad/s, m/s]."""
+        """Velocity of each frame in its own axes, kept for the next step, shape (2, 6) [rad/s, m/s]."""
         parts = [tip.R.T @ tip.w, tip.R.T @ tip.v, mouth.R.T @ mouth.w, mouth.R.T @ mouth.v]
         return np.concatenate(parts).reshape(2, 6)
 
     @staticmethod
     def remembered(own: Array, wrench: Array, released: Sequence[bool]) -> Array:
-        """What the next step needs of this one, shape (20,).
+        """The values that the next step needs of this one, shape (20,).
 
         Args:
             own: see `own_velocities`.
@@ -91,15 +92,15 @@ class StepAhead:
         """W, shape (6, 6), and V*, shape (6,) [rad/s, m/s].
 
         Args:
-            R, p: orientation and place of the tip in the mouth's frame, shapes (3, 3) and (3,) [m].
+            R, p: orientation and position of the tip in the mouth's frame, shapes (3, 3) and (3,) [m].
             own: see `own_velocities`.
             remembered: of the step before, see `remembered`, shape (20,).
-            released: whether what holds the tip, the mouth lets it go.
+            released: whether the part with the tip, and that with the mouth, is released by its gripper.
         """
         before, wrench_before = remembered[:12].reshape(2, 6), remembered[12:18]
         if any(now and not then for now, then in zip(released, remembered[18:], strict=True)):
             before, wrench_before = own, np.zeros(6)
-        # Of a velocity at the tip in its axes to that of the tip's point in the mouth.
+        # Maps a velocity at the tip, in its axes, to that of the tip's body at the mouth.
         move = np.zeros((6, 6))
         move[:3, :3] = move[3:, 3:] = R
         move[3:, :3] = cross_matrix(p) @ R
