@@ -30,8 +30,8 @@ from forcectl.robot.joint_tree import TreeState, cross
 from forcectl.robot.robot_motion import RobotMotion
 
 _TINY = 1e-9  # [m]
-_HARDEST = 10.0  # largest factor on a row, and largest additional braking over |gamma|
-_SLOWEST = 4  # number of rows of `_SlowDown`
+_LARGEST_FACTOR = 10.0  # largest factor on a row, and largest additional braking over |gamma|
+_SPEED_ROWS = 4  # number of rows of `_SlowDown`
 _TURN_SHARE = 0.5  # share of the accelerations for turning away, while the joints brake with the rest
 _USABLE = 0.5  # usable share of the acceleration limits: in a stretched arm the torque limits bind first
 _NO_LIMIT = 1e6  # factor on the speed that stands for no limit
@@ -101,7 +101,7 @@ class LinkDistance:
         y, rate, row, bias = self.second_derivative(motion)
         # Braking at gamma/f, the most that these joints can, is the same as keeping f y <= 0 with gamma.
         least = _TURN_SHARE * (np.abs(row) @ self._acceleration)
-        f = self.gamma / np.clip(-least, self.gamma, self.gamma / _HARDEST)
+        f = self.gamma / np.clip(-least, self.gamma, self.gamma / _LARGEST_FACTOR)
         inside = f * (y + self.margin)
         rate = f * rate
         told = np.where(y > 0.0, f * y, np.minimum(inside - self.margin, 0.0))
@@ -176,7 +176,7 @@ class LinkDistance:
         coming = np.maximum(rate, 0.0)
         within = np.maximum(-y, coming * self._period)
         needed = 0.5 * coming * coming / np.maximum(within, _TINY)
-        return np.clip(needed + 2.0 * self.gamma, 0.0, _HARDEST * -self.gamma)
+        return np.clip(needed + 2.0 * self.gamma, 0.0, _LARGEST_FACTOR * -self.gamma)
 
 
 class _SlowDown:
@@ -196,7 +196,7 @@ class _SlowDown:
 
     def __init__(self, distance: LinkDistance, acceleration: Array, period: float):
         self._distance, self._acceleration, self._period = distance, acceleration, period
-        self._count = min(_SLOWEST, distance.rows)
+        self._count = min(_SPEED_ROWS, distance.rows)
 
     def evaluate(self, motion: RobotMotion) -> tuple[float, float, Array, Array]:
         """(0, 0, row, bias)."""

@@ -242,7 +242,7 @@ def _around(mesh: Mesh | Convex) -> Enclosure:
 
 
 def _core(name: str, shape: Shape) -> tuple[Array, float]:
-    """Half the size of the box, and the radius around it."""
+    """Half the size of the core's box, and the radius around the box."""
     if isinstance(shape, Sphere):
         return np.zeros(3), shape.radius()
     if isinstance(shape, Capsule | Cylinder):

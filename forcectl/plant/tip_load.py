@@ -82,7 +82,7 @@ class TipLoad(PythonBlock):
     ```
 
     external_wrench: shape (6a,) of a arms, on the robot at each TCP in the world, [torque; force] [Nm, N].
-    contact_wrench: shape (6a,), likewise, added to it [Nm, N].
+    contact_wrench: shape (6a,), of contacts, in the same form, added to external_wrench [Nm, N].
     body_wrench: shape (6b,), at the origins of the further frames in the world [Nm, N].
     spatial_forces: abstract, for the plant's `applied_spatial_force` input. Feedthrough.
 

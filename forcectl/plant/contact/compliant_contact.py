@@ -148,7 +148,7 @@ class CompliantContact(BatchBlock):
         dissipation: d_E in place of any damping; 0: none [s/m].
     """
 
-    _compliance_is_parameter = True  # else `_situation` has it
+    _compliance_is_parameter = True  # otherwise `_situation` returns it
 
     def __init__(
         self,
@@ -181,7 +181,7 @@ class CompliantContact(BatchBlock):
         reads |= {port.ticket() for port in self._surface if port is not None}
         if self._damped or self._dissipates:
             z = self.DeclareDiscreteState(size)
-            self._z = int(z)  # a number is looked up in half of the time
+            self._z = int(z)  # looking a state up by number takes half the time
             reads.add(self.discrete_state_ticket(z))
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
         self.DeclareVectorOutputPort("contact_force", size, self._force, prerequisites_of_calc=reads)
@@ -344,7 +344,7 @@ class EnvironmentConfig(Config, in_batches=True):
 
     @property
     def contact_values(self) -> tuple[float | None, float | None]:
-        """K_E and D_E as `CompliantContact` takes them: None where they come from ports."""
+        """K_E and D_E as arguments of `CompliantContact`: None for those that come from ports."""
         materials = self.surface.materials
         if materials is None:
             return self.stiffness, self.damping

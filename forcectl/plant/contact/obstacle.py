@@ -12,7 +12,7 @@ from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
 LARGEST_STIFFNESS = 1e7  # [N/m] contact stiffness of the links
-_SLOWEST = 10.0  # [s] largest damping over stiffness: time constant with which a deformation recovers
+_LONGEST_RECOVERY = 10.0  # [s] largest damping over stiffness: time constant with which a deformation recovers
 _SKIN = 1e-3  # [m] layer at the surface of a box that does not count as its inside
 
 
@@ -42,8 +42,8 @@ class ObstacleConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.damping > (most := _SLOWEST * self.stiffness):
-            allowed = f"at most {most:g} Ns/m, {_SLOWEST:g} s times stiffness = {self.stiffness:g} N/m"
+        if self.damping > (most := _LONGEST_RECOVERY * self.stiffness):
+            allowed = f"at most {most:g} Ns/m, {_LONGEST_RECOVERY:g} s times stiffness = {self.stiffness:g} N/m"
             raise invalid("damping", self.damping, allowed)
 
     @property
@@ -52,7 +52,7 @@ class ObstacleConfig(Config):
         return RigidTransform(RollPitchYaw(np.radians(self.rotation_deg)), np.array(self.position))
 
     def occupies(self) -> tuple[object, ...]:
-        """Key of its place: two parts of an environment with the same key are at the same place."""
+        """Values that no other part of the environment may have as well: size and pose of the box."""
         return "box", *self.size, *self.position, *self.rotation_deg
 
     def holds(self, point: ArrayLike) -> bool:

@@ -32,8 +32,8 @@ _SPRINGS = (
 )
 # Deflection [m], [rad] of the springs at their limits: 0.02 mm for a clamp, centimetres for rubber fingers. A value
 # outside is probably in the wrong unit. Likewise damping over stiffness [s], usually 1 to 50 ms.
-_STRETCH = (1e-5, 0.3), (5e-4, 3.0)
-_SPENT = 1e-4, 1.0
+_DEFLECTION = (1e-5, 0.3), (5e-4, 3.0)
+_TIME_CONSTANT = 1e-4, 1.0
 _TINY, _FLAT = 1e-4, 0.05  # [m], [deg] smallest tolerances on a pose in the hand
 
 
@@ -42,26 +42,46 @@ class GraspConfig(Config):
     """Springs of a grasp along and about the axes of the TCP; rotations about x, the turned y, then the turned z."""
 
     stiffness: list[float] = key(
-        [1000.0, 1000.0, 2000.0], "stiffness along each axis of the TCP", unit="N/m", bounds="positive", size=3
+        [1000.0, 1000.0, 2000.0],
+        "stiffness of the grasp along each axis of the TCP",
+        unit="N/m",
+        bounds="positive",
+        size=3,
     )
     damping: list[float] = key(
-        [30.0, 30.0, 60.0], "damping along each axis of the TCP", unit="Ns/m", bounds="from 0 to 100000", size=3
+        [30.0, 30.0, 60.0],
+        "damping of the grasp along each axis of the TCP",
+        unit="Ns/m",
+        bounds="from 0 to 100000",
+        size=3,
     )
     force_limit: list[float] = key(
         [20.0, 20.0, 20.0],
-        "largest holding force along each axis of the TCP",
+        "largest force of the grasp along each axis of the TCP",
         unit="N",
         bounds="from 0.1 to 1e5",
         size=3,
     )
     rotational_stiffness: list[float] = key(
-        [3.0, 3.0, 3.0], "stiffness about each axis of the TCP", unit="Nm/rad", bounds="positive", size=3
+        [3.0, 3.0, 3.0],
+        "stiffness of the grasp about each axis of the TCP",
+        unit="Nm/rad",
+        bounds="positive",
+        size=3,
     )
     rotational_damping: list[float] = key(
-        [0.1, 0.1, 0.1], "damping about each axis of the TCP", unit="Nms/rad", bounds="from 0 to 1000", size=3
+        [0.1, 0.1, 0.1],
+        "damping of the grasp about each axis of the TCP",
+        unit="Nms/rad",
+        bounds="from 0 to 1000",
+        size=3,
     )
     torque_limit: list[float] = key(
-        [1.0, 1.0, 1.0], "largest holding torque about each axis of the TCP", unit="Nm", bounds="positive", size=3
+        [1.0, 1.0, 1.0],
+        "largest torque of the grasp about each axis of the TCP",
+        unit="Nm",
+        bounds="positive",
+        size=3,
     )
     released_at: float | None = key(
         None,
@@ -91,7 +111,7 @@ class GraspConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for (stiff, damped, limit), (least, most), unit in zip(_SPRINGS, _STRETCH, ("m", "rad"), strict=True):
+        for (stiff, damped, limit), (least, most), unit in zip(_SPRINGS, _DEFLECTION, ("m", "rad"), strict=True):
             for i, stiffness in enumerate(getattr(self, stiff)):
                 stretch, spent = getattr(self, limit)[i] / stiffness, getattr(self, damped)[i] / stiffness
                 if not least <= stretch <= most:
@@ -99,8 +119,8 @@ class GraspConfig(Config):
                         f"such that {limit} over it is from {least:g} to {most:g} {unit}, not {stretch:.3g} {unit}"
                     )
                     raise invalid(f"{stiff}.{i}", stiffness, allowed)
-                if spent and not _SPENT[0] <= spent <= _SPENT[1]:
-                    allowed = f"0, or {_SPENT[0]:g} to {_SPENT[1]:g} s times {stiff}, not {spent:.3g} s"
+                if spent and not _TIME_CONSTANT[0] <= spent <= _TIME_CONSTANT[1]:
+                    allowed = f"0, or {_TIME_CONSTANT[0]:g} to {_TIME_CONSTANT[1]:g} s times {stiff}, not {spent:.3g} s"
                     raise invalid(f"{damped}.{i}", getattr(self, damped)[i], allowed)
         for name, smallest in (("largest_offset", _TINY), ("reach", _TINY), ("reach_deg", _FLAT)):
             if 0 < getattr(self, name) < smallest:
@@ -201,7 +221,7 @@ class PartConfig(Config):
         return "" if self.lies_at else self.arm
 
     def occupies(self) -> tuple[object, ...]:
-        """Key of its place, which no other part may have: its pose in a hand, or its model and pose in the world."""
+        """Values that no other part may have as well: the pose in a hand, or model and pose in the world."""
         if self.hand:
             return "hand", self.hand, *self.position, *self.rotation_deg
         if self.lies_at:

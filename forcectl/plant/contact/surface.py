@@ -1,6 +1,6 @@
 """Uneven surfaces for moving contact: a slope, grooves, roughness, waves, a profile from a file, or a user's own::
 
-    h(s) = max_u [z(s + u) + sqrt(R^2 - u^2) - R],  |u| <= R        what a ball of radius R rests on
+    h(s) = max_u [z(s + u) + sqrt(R^2 - u^2) - R],  |u| <= R        lowest point of a ball of radius R on z
     F = -(dx - h(s))/C_T                                            (2.8) with the surface at h instead of at 0
 
 z is the profile itself, s the path coordinate of the tool along the surface from its start. A ball cannot reach the
@@ -30,7 +30,7 @@ from forcectl.plant.contact.surface_materials import MaterialsConfig
 from forcectl.plant.contact.surface_moves import SurfaceMoveConfig, check_moves
 
 GRID = 2e-5  # distance of the points of a profile [m]
-_NARROWEST = 5 * GRID  # what such a grid resolves [m]
+_NARROWEST = 5 * GRID  # smallest width that such a grid resolves [m]
 _STEEPEST = 0.3  # slope [-] up to which n still approximates the contact normal
 _STEEPEST_TURNING = 1.0  # slope [-] up to which the tool's path is still a function of s, where the normal turns
 _LONGEST = 2.0  # path [m]; keeps the grid small

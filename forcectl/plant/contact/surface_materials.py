@@ -1,6 +1,6 @@
 """Surfaces of several materials: stiffness and damping of the environment over the path of the tool.
 
-    F = K_E(s) z + D_E(s) z',    z = h(s) - (dx - C_R F)             (2.7), (2.8) with the K_E and D_E of the place
+    F = K_E(s) z + D_E(s) z',    z = h(s) - (dx - C_R F)             (2.7), (2.8) with the local K_E and D_E
 
 Where two materials meet, K_E and D_E change from one to the other along half a cosine, as under a contact area that
 lies partly on each. The force along the path that belongs to the change of K_E under a pressed-in tool,

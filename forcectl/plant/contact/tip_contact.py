@@ -79,7 +79,7 @@ class TipContact(CompliantContact):
         self._origin = float(self._n @ self._robot.tip_position(context))
         # State: n'J, then the displacement extrapolated to q = 0, then C_R; and the posture of the last renewal.
         geometry = self.DeclareDiscreteState(self._at(context, self._start))
-        self._geometry = int(geometry)  # a number is looked up in half of the time
+        self._geometry = int(geometry)  # looking a state up by number takes half the time
         self._taken_at = self.DeclareDiscreteState(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=self._posture_period, offset_sec=0.0, update=self._renew_geometry

@@ -85,7 +85,7 @@ class JointFriction:
         )
 
     def scaled(self, factor: float) -> JointFriction:
-        """The friction of this model times `factor`, >= 0 [1]; the offset too."""
+        """The friction of this model times `factor`, >= 0 [1], offset included."""
         parts = ("offset", "coulomb", "viscous_forward", "viscous_backward")
         return JointFriction(self.size, **{name: factor * getattr(self, name) for name in parts})
 

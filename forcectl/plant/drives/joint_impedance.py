@@ -162,8 +162,8 @@ class GravityCompensation(PythonBlock):
 class JointImpedanceConfig(Config):
     """Scenario part `drive: !JointImpedance`: drives with a torque interface, under joint impedance control.
 
-    An empty `stiffness` stands for gains that suit the motor inertias. D_q = 2 z sqrt(K_q I), with the inertia I of
-    motor and link in the start posture.
+    An empty `stiffness` is replaced by gains in proportion to the motor inertias. D_q = 2 z sqrt(K_q I), with the
+    inertia I of motor and link in the start posture.
     """
 
     stiffness: list[float] = key(

@@ -150,7 +150,7 @@ class JointServo(PythonDiagram):
             np.sqrt(gains.position * gains.velocity) if gains.integral else 0.0
         )  # without integral gain z would unwind and not recover
         ahead = 0.5 * (count - 1) / count * step
-        # Known at the start of a step: o, v_r, tau_ff, I, q, v, z, v_last.
+        # Inputs at the start of a step: o, v_r, tau_ff, I, q, v, z, v_last.
         known = add("known", Multiplexer([3 * n, n, n, n, n, n]))
         damped, slowing = kd + ahead * kp, kd * (ahead / step)
         law = np.hstack([kp, damped, eye, kp, -kp, -damped - slowing, eye, slowing])

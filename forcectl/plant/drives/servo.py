@@ -176,7 +176,7 @@ class ServoCore(BatchBlock):
         self._reference = self.DeclareVectorInputPort("reference", 2 * size)
         start = batch_values("initial_position", initial_position, size)
         state = self.DeclareDiscreteState(np.concatenate([start, np.zeros(2 * size)]))
-        self._state = int(state)  # a number is looked up in half of the time
+        self._state = int(state)  # looking a state up by number takes half the time
         self.DeclareStateOutputPort("state", state)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
 

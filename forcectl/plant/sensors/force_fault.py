@@ -24,7 +24,7 @@ _LONGEST = 0.1  # [s] largest delay of a reading
 _LARGEST_SCALE = 1e3
 _LEAST_SCALE = 1e-3  # least deviation of a scale from 1: no calibration is more accurate
 _LEAST_NOISE = 1e-4  # [N] the resolution of a sensor without noise
-_INSTEAD = {"nan", "inf", "value", "frozen"}  # kinds that replace the whole reading
+_REPLACING = {"nan", "inf", "value", "frozen"}  # kinds that replace the whole reading
 _WITHOUT_VALUE = ("nan", "inf", "frozen", "lost")
 
 
@@ -68,7 +68,7 @@ class ForceFaultConfig(Config):
         """Whether both faults are equal, one hides the other, or both replace the same readings."""
         together = self.start < other.end and other.start < self.end
         hidden = self._hides(other) or other._hides(self)
-        return self == other or hidden or (together and {self.kind, other.kind} <= _INSTEAD)
+        return self == other or hidden or (together and {self.kind, other.kind} <= _REPLACING)
 
     def _hides(self, other: ForceFaultConfig) -> bool:
         """Whether the other fault has no effect, because this one replaces all its readings with nan or inf."""

@@ -86,7 +86,7 @@ class WristSensor(SensorElectronics):
             the sensor was zeroed in the start posture, weight of the tool included.
     """
 
-    REFRESHED = "posture"  # by its events, for block diagrams: the readings do not wait for them
+    REFRESHED = "posture"  # what its events renew, for block diagrams; the readings are not delayed by them
 
     def __init__(
         self,

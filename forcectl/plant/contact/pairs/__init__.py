@@ -1,1 +1,1 @@
-"""Contacts of two parts in place of that of their shapes."""
+"""Contact models of two parts, which replace the contact of their shapes."""
