@@ -4,8 +4,8 @@ The rows have relative degree 2:
 
     y = minimum - distance <= 0       [m], for the k most urgent balls
 
-With the ball at x on link A, the core on link B (see `collision_shapes`), the unit vector n from the nearest point b of
-the core's box to x, and w the velocity of x relative to B::
+With the ball at x on link A, the core on link B (see `forcectl.collision.shapes`), the unit vector n from the nearest
+point b of the core's box to x, and w the velocity of x relative to B::
 
     distance   = |x - b| - radii
     distance'  = n w

@@ -35,7 +35,7 @@ def _bodies_beyond(plant: MultibodyPlant, parts: RobotParts) -> list[tuple[set[i
 
 
 class HeldPart(NamedTuple):
-    """A part that an arm holds.
+    """A part that an arm holds or can take.
 
     Attributes:
         arm: number of the arm.
@@ -132,7 +132,7 @@ class LoadTruth(PythonBlock):
     instance of the robot [Nm]. Both may be left unconnected: no contacts.
     part_released: shape (h,), of h held parts, 0 while held: contacts of a part count as those of the tool that holds
     it, but not while it is released [1]. Must be connected if there are held parts.
-    contact_pair_1: abstract, of a `PegContact` between parts, see there; contact_pair_2 of a second one, and so on.
+    contact_pair_1: abstract, of a `PegContact` or `CapContact`; contact_pair_2 of a second one, and so on.
     external_torque: shape (n,), joint torques of all loads and contacts [Nm]. Feedthrough of all inputs but
     contact_results. Feedthrough of contact_results when parts are held.
     tip_wrench: shape (6a,), of loads at the TCPs and of contacts of the bodies fixed to them, at each TCP in the world,

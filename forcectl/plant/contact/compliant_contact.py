@@ -94,8 +94,8 @@ def dissipative_contact(
     Returns:
         force F [N] and deformation z [m] at the end of the step.
     """
-    # C_R K_E r z+^2 + (1 + C_R K_E (1 - r z)) z+ + dx = 0 with r = d_E/h; for each sign of the middle term that form of
-    # the solution in which nothing cancels.
+    # C_R K_E r z+^2 + (1 + C_R K_E (1 - r z)) z+ + dx = 0 with r = d_E/h; for each sign of the middle coefficient the
+    # form of the solution without cancellation.
     soft = robot_compliance * stiffness
     half = 0.5 * (1 + soft * (1 - rate * z))
     pressed = m.maximum(-dx, 0.0)
@@ -323,7 +323,7 @@ class EnvironmentConfig(Config, in_batches=True):
 
     @property
     def first_stiffness(self) -> float:
-        """K_E where the tool starts [N/m]."""
+        """K_E at the start of the path [N/m]."""
         if self.surface.materials is None:
             return self.stiffness
         materials = self.surface.materials.path()

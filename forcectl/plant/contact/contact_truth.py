@@ -168,7 +168,7 @@ class ContactWrench(PythonBlock):
     ```
 
     contact_results, body_poses: abstract, of the plant.
-    contact_pair_1: abstract, of a `PegContact`, see there; contact_pair_2 of a second one, and so on.
+    contact_pair_1: abstract, of a `PegContact` or `CapContact`; contact_pair_2 of a second one, and so on.
     body_contact_wrench: shape (6,), on the bodies `on` at the origin of the frame in the frame, [torque; force]; zero
     where they do not touch [Nm, N]. Feedthrough of all inputs.
 

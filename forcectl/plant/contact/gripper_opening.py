@@ -156,6 +156,6 @@ class GripperOpening(PythonBlock):
 
 
 def _within(offset: Array, config: GraspConfig) -> bool:
-    """Whether a part at this offset is between the fingers."""
+    """Whether a closing gripper takes a part at this offset."""
     near = np.linalg.norm(offset[:3]) <= config.reach
     return bool(near and turned_by(offset[3:]) <= np.radians(config.reach_deg))

@@ -193,7 +193,7 @@ class PartConfig(Config):
     grasp: GraspConfig = key(GraspConfig, "how the arm holds the part")
     lies_at: list[float] = key(
         [],
-        "position of the part's frame in the world at the start, if its arm does not hold it then; empty: held",
+        "position of the part's frame in the world at the start, if its arm does not hold it then; empty: it does",
         unit="m",
         bounds=_NEAR,
         size=3,

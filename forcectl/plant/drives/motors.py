@@ -1,4 +1,4 @@
-"""The motors of a robot with elastic joints, which the drives of both kinds share.
+"""The motors of a robot with elastic joints, shared by drives with position and with torque commands.
 
 phi = S q_m are the motor angles divided by the gear ratios: S is the identity but for the couplings between motors, and
 B = diag(J_m N^2) is the inertia of the rotors at the joints. Friction sticks in a step of dt with

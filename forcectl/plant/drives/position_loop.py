@@ -28,8 +28,8 @@ from forcectl.framework.linear_batch import behind_delay, interleave, sampled_sy
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-LONGEST_DELAY = 1.0  # [s] of a sensor; a delay line keeps every sample
-LONGEST_COMMAND_DELAY = 0.3  # [s] of a drive
+LONGEST_DELAY = 1.0  # [s] largest delay of a sensor: a delay line stores every sample
+LONGEST_COMMAND_DELAY = 0.3  # [s] largest command delay of a drive
 
 
 def second_order(bandwidth: float, damping_ratio: float) -> tuple[Matrix, Matrix]:

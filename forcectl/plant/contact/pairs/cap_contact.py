@@ -97,7 +97,7 @@ class CapContact(PairContact):
     ```
 
     body_poses, body_velocities: abstract, of the plant.
-    released: shape (2,), 1 while the mount, the cap is released by its gripper; held where it is not connected [1].
+    released: shape (2,), of mount and cap, 1 while its gripper has released it, else 0; held if not connected [1].
     spatial_forces: abstract, on both bodies, for the plant's `applied_spatial_force` input. Feedthrough.
     body_contact_wrench: shape (6,), on the mount at the mouth in the mouth's frame, [torque; force] [Nm, N].
     Feedthrough.

@@ -45,7 +45,7 @@ class PairContactPart(Protocol):
 
 
 def check_roles(part: PairContactPart) -> None:
-    """Raise BadInputError where the contact is that of a part with itself."""
+    """Raise BadInputError if both roles name the same part."""
     first, second = part.roles
     if getattr(part, first) == getattr(part, second):
         raise invalid(second, getattr(part, second), f"another part than that of {first}")
@@ -130,7 +130,7 @@ class PairContact(PythonBlock):
         raise NotImplementedError
 
     def released(self, context: Context) -> tuple[bool, bool]:
-        """Whether the body with the tip, and that with the mouth, is released by its gripper."""
+        """Whether a gripper has released the body with the tip, and the body with the mouth."""
         if not self._released.HasValue(context):
             return False, False
         tip, mouth = self._released.Eval(context) > 0.5

@@ -64,7 +64,7 @@ class PegContact(PairContact):
     ```
 
     body_poses, body_velocities: abstract, of the plant.
-    released: shape (2,), 1 while the peg, the bore is released by its gripper; held where it is not connected [1].
+    released: shape (2,), of peg and bore, 1 while its gripper has released it, else 0; held if not connected [1].
     spatial_forces: abstract, on both bodies, for the plant's `applied_spatial_force` input. Feedthrough.
     body_contact_wrench: shape (6,), on the peg at the mouth in the mouth's frame, [torque; force] [Nm, N]. Feedthrough.
     contact_pair: abstract, tuple of no or one `BodyContact`, between the bodies of bore and peg. Feedthrough.

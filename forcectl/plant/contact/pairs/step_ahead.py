@@ -95,7 +95,7 @@ class StepAhead:
             R, p: orientation and position of the tip in the mouth's frame, shapes (3, 3) and (3,) [m].
             own: see `own_velocities`.
             remembered: of the step before, see `remembered`, shape (20,).
-            released: whether the part with the tip, and that with the mouth, is released by its gripper.
+            released: whether a gripper has released the part with the tip, and the part with the mouth.
         """
         before, wrench_before = remembered[:12].reshape(2, 6), remembered[12:18]
         if any(now and not then for now, then in zip(released, remembered[18:], strict=True)):
