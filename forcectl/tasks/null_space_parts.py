@@ -1,4 +1,4 @@
-"""What fills the slots `null_space` and `potential` of `!ReactiveReaching`: motion that the tasks leave free."""
+"""Parts for the slots `null_space` and `potential`: the joint motion that the tasks leave free."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from forcectl.tasks.null_space import (
 
 @dataclass(frozen=True)
 class JointSetting:
-    """What criteria of the null space are made from: the plant's model, limits and constraints that are kept."""
+    """What null-space criteria are made from: model of the plant, joint limits, constraints of the controller."""
 
     model: PlantModel
     limits: JointLimits
@@ -36,14 +36,14 @@ class JointSetting:
 
 
 class NullSpacePart(Protocol):
-    """A filler of the slot `null_space`."""
+    """A part for the slot `null_space`."""
 
     def criterion(self, setting: JointSetting) -> AnyCriterion:
         """The criterion."""
 
 
 class PotentialPart(Protocol):
-    """A filler of the slot `potential`."""
+    """A part for the slot `potential`."""
 
     def potentials(self, setting: JointSetting) -> list[Potential]:
         """One potential or several."""
@@ -51,9 +51,11 @@ class PotentialPart(Protocol):
 
 @dataclass(kw_only=True)
 class JointSpeedConfig(Config):
-    """Scenario part `!JointSpeed`: the smallest joint speeds (5.19)."""
+    """Scenario part `!JointSpeed`: minimises the joint speeds (5.19)."""
 
-    time_constant: float | None = key(None, "of the approach; null: a tick", unit="s", bounds="positive")
+    time_constant: float | None = key(
+        None, "time constant with which joint speeds decay; null: one tick", unit="s", bounds="positive"
+    )
 
     def criterion(self, setting: JointSetting) -> JointSpeed:
         """See `NullSpacePart`."""
@@ -62,11 +64,23 @@ class JointSpeedConfig(Config):
 
 @dataclass(kw_only=True)
 class EvasiveConfig(Config):
-    """Scenario part `!Evasive`: joint speeds that lead down some potentials (5.20)."""
+    """Scenario part `!Evasive`: joint velocities down the gradients of potentials (5.20)."""
 
-    potentials: list[Any] = slot("potential", list, meaning="at least one; their speeds add up")
-    speed: float = key(1.0, "of the fastest joint at most", unit="rad/s", bounds="positive")
-    time_constant: float | None = key(0.1, "of the approach; null: a tick", unit="s", bounds="positive")
+    potentials: list[Any] = slot(
+        "potential", list, meaning="potentials to descend, at least one; their joint velocities add up"
+    )
+    speed: float = key(
+        1.0,
+        "largest joint speed that the potentials ask for; larger ones are scaled down",
+        unit="rad/s",
+        bounds="positive",
+    )
+    time_constant: float | None = key(
+        0.1,
+        "time constant with which joint velocities approach those of the potentials; null: one tick",
+        unit="s",
+        bounds="positive",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -80,9 +94,11 @@ class EvasiveConfig(Config):
 
 @dataclass(kw_only=True)
 class JointLimitPotentialConfig(Config):
-    """Scenario part `!AwayFromJointLimits`: to the middle of the range of each joint."""
+    """Scenario part `!AwayFromJointLimits`: a potential towards the middle of the range of each joint."""
 
-    speed: float = key(1.0, "of a joint at its limit", unit="rad/s", bounds="positive")
+    speed: float = key(
+        1.0, "wanted speed of a joint at its position limit, away from it", unit="rad/s", bounds="positive"
+    )
 
     def potentials(self, setting: JointSetting) -> list[Potential]:
         """See `PotentialPart`."""
@@ -91,10 +107,17 @@ class JointLimitPotentialConfig(Config):
 
 @dataclass(kw_only=True)
 class LinkPotentialConfig(Config):
-    """Scenario part `!AwayFromLinks`: from links and boxes that the controller keeps a distance from."""
+    """Scenario part `!AwayFromLinks`: a potential away from the links and boxes that the controller keeps clear of."""
 
-    range: float = key(0.1, "distance at which it begins to matter", unit="m", bounds="positive")
-    speed: float = key(3.0, "with which links part at the least distance", unit="m/s", bounds="positive")
+    range: float = key(
+        0.1,
+        "distance at which the potential begins to act, counted from the smallest allowed one",
+        unit="m",
+        bounds="positive",
+    )
+    speed: float = key(
+        3.0, "wanted speed of separation at the smallest allowed distance", unit="m/s", bounds="positive"
+    )
 
     def potentials(self, setting: JointSetting) -> list[Potential]:
         """See `PotentialPart`."""
@@ -106,11 +129,14 @@ class LinkPotentialConfig(Config):
 
 @dataclass(kw_only=True)
 class ConstraintPotentialConfig(Config):
-    """Scenario part `!AwayFrom`: from a constraint of relative degree 2, which need not be kept otherwise."""
+    """Scenario part `!AwayFrom`: a potential away from a constraint of relative degree 2.
 
-    constraint: Any = slot("constraint", meaning="of relative degree 2, with the output y")
-    range: float = key(0.1, "-y at which it begins to matter", unit="unit of y", bounds="positive")
-    speed: float = key(1.0, "with which y shrinks on the constraint", unit="unit of y per s", bounds="positive")
+    The controller need not keep that constraint otherwise.
+    """
+
+    constraint: Any = slot("constraint", meaning="constraint of relative degree 2 to stay away from, with the output y")
+    range: float = key(0.1, "value of -y below which the potential acts", unit="unit of y", bounds="positive")
+    speed: float = key(1.0, "wanted rate at which y decreases at y = 0", unit="unit of y per s", bounds="positive")
 
     def potentials(self, setting: JointSetting) -> list[Potential]:
         """See `PotentialPart`."""
@@ -119,11 +145,15 @@ class ConstraintPotentialConfig(Config):
 
 @dataclass(kw_only=True)
 class SmallMassPotentialConfig(Config):
-    """Scenario part `!TowardsSmallMass`: to where a push at the TCP meets a small mass."""
+    """Scenario part `!TowardsSmallMass`: a potential towards postures with a small effective mass at the TCP."""
 
-    arm: str = key("", "name of the arm; empty: each")
-    direction: list[float] = key([0.0, 0.0, 1.0], "of the push, in W", bounds="not all zero", size=3)
-    gain: float = key(5.0, "speed per relative decrease of the mass per radian", unit="rad^2/s", bounds="positive")
+    arm: str = key("", "name of the arm; empty: every arm")
+    direction: list[float] = key(
+        [0.0, 0.0, 1.0], "direction of the effective mass, in the world", bounds="not all zero", size=3
+    )
+    gain: float = key(
+        5.0, "joint speed per relative decrease of the effective mass per radian", unit="rad^2/s", bounds="positive"
+    )
 
     def potentials(self, setting: JointSetting) -> list[Potential]:
         """See `PotentialPart`."""
@@ -134,18 +164,30 @@ class SmallMassPotentialConfig(Config):
 
 @dataclass(kw_only=True)
 class SelfMotionConfig(Config):
-    """Scenario part `!SelfMotion`: a steady motion of every arm around its hand, so that its joints feel forces."""
+    """Scenario part `!SelfMotion`: steady self-motion of every arm, so that its joints are not in static friction.
 
-    speed: float = key(0.08, "least length of the joint speeds of an arm", unit="rad/s", bounds="positive")
+    The TCPs stay where they are.
+    """
+
+    speed: float = key(0.08, "smallest norm of the joint velocities of an arm", unit="rad/s", bounds="positive")
     fastest: float = key(
         0.25,
-        "largest, where some of six joints would be slower than slowest",
+        "largest norm of the joint velocities of an arm, used where a joint would be slower than `slowest`",
         unit="rad/s",
         bounds="above 0 and at most 50",
     )
-    slowest: float = key(0.008, "that the slowest of six joints shall have", unit="rad/s", bounds="positive")
-    range: float = key(0.5, "of the motion from turn to turn", unit="rad", bounds="above 0 and at most 20")
-    time_constant: float = key(0.06, "of the approach", unit="s", bounds="above 0 and at most 10")
+    slowest: float = key(
+        0.008, "smallest speed that six of the seven joints of an arm shall have", unit="rad/s", bounds="positive"
+    )
+    range: float = key(
+        0.5, "length of the self-motion from one reversal to the next", unit="rad", bounds="above 0 and at most 20"
+    )
+    time_constant: float = key(
+        0.06,
+        "time constant with which the joint velocities approach the wanted ones",
+        unit="s",
+        bounds="above 0 and at most 10",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

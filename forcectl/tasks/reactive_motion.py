@@ -1,9 +1,9 @@
-"""Motion control of Fig. 5.3 for a robot with any number of arms: targets, a generator, a controller::
+"""Motion control of Fig. 5.3 for a robot with any number of arms: targets, trajectory generator, controller::
 
     targets -> generator (x_gen, x_gen', x_gen'') -> reactive controller -> joint references
-               generator <- motion of the tasks (state of the controller, no delay and no loop) <-
+               generator <- commanded motion of the tasks (state of the controller: no delay, no algebraic loop) <-
 
-Each task is planned on its own: an arm that is blocked does not hold up the other.
+Each task is planned on its own, so that an arm that is blocked does not stop the others.
 """
 
 from __future__ import annotations
@@ -26,14 +26,29 @@ from forcectl.tasks.reactive_controller import READINGS, ReactiveController
 
 @dataclass(kw_only=True)
 class MotionLimitsConfig(Config):
-    """Limits of the references, in metres and in radians."""
+    """Limits of the task references: of positions in metres, of orientations in radians."""
 
-    speed: float = key(0.5, "of positions", unit="m/s", bounds="above 0 and at most 10")
-    acceleration: float = key(2.0, "of positions", unit="m/s^2", bounds="positive")
-    jerk: float = key(20.0, "of positions", unit="m/s^3", bounds="positive")
-    turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="above 0 and at most 30")
-    turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
-    turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
+    speed: float = key(
+        0.5, "largest speed of each position coordinate of the references", unit="m/s", bounds="above 0 and at most 10"
+    )
+    acceleration: float = key(
+        2.0, "largest acceleration of each position coordinate of the references", unit="m/s^2", bounds="positive"
+    )
+    jerk: float = key(
+        20.0, "largest jerk of each position coordinate of the references", unit="m/s^3", bounds="positive"
+    )
+    turn_speed: float = key(
+        1.5,
+        "largest speed of each orientation coordinate of the references",
+        unit="rad/s",
+        bounds="above 0 and at most 30",
+    )
+    turn_acceleration: float = key(
+        6.0, "largest acceleration of each orientation coordinate of the references", unit="rad/s^2", bounds="positive"
+    )
+    turn_jerk: float = key(
+        60.0, "largest jerk of each orientation coordinate of the references", unit="rad/s^3", bounds="positive"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -45,7 +60,7 @@ class MotionLimitsConfig(Config):
                 raise invalid(f"{turn}{slow}", getattr(self, f"{turn}{slow}"), allowed)
 
     def of(self, tasks: Sequence[ArmTask]) -> Limits:
-        """The limits of the coordinates of all tasks."""
+        """The limits of all task coordinates, task after task."""
         angular = np.concatenate([task.angular for task in tasks])
         return limits_of(
             len(angular),
@@ -56,7 +71,7 @@ class MotionLimitsConfig(Config):
 
 
 class ReactiveMotion(PythonDiagram):
-    """Reactive controller with its generator.
+    """Reactive controller with the trajectory generator of its references.
 
     ```
     name: ReactiveMotion
@@ -66,16 +81,18 @@ class ReactiveMotion(PythonDiagram):
     near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs]
     ```
 
-    task_target: shape (k,), where the task coordinates are to go [m or rad]; may change at every tick.
-    task_position_reference: shape (k,), of the generator at the next tick [m or rad]. Feedthrough of task_target.
-    task_position, task_velocity, task_acceleration: shape (k,), of the controller [m or rad, m/s or rad/s, m/s^2 or
-    rad/s^2]. State.
+    task_target: shape (k,), target of the task coordinates [m or rad]; may change at every tick.
+    task_position_reference: shape (k,), output of the generator for the next tick [m or rad]. Feedthrough of
+    task_target.
+    task_position, task_velocity, task_acceleration: shape (k,), outputs of the controller, from which the generator
+    continues [m or rad, m/s or rad/s, m/s^2 or rad/s^2]. State.
     The other ports: see `ReactiveController`. All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: every `period` [s] of the controller; no delay from the target or the readings to the references.
+    Sampling: every `period` [s] of the controller; no delay from the target or the measurements to the joint
+    references.
 
     Args:
-        controller: is built into this diagram.
+        controller: becomes a part of this diagram.
         limits: of the references; None: the defaults.
     """
 
@@ -106,14 +123,14 @@ class ReactiveMotion(PythonDiagram):
 def wire_motion(
     builder: DiagramBuilder, controller: ReactiveController, generator: System, references: Mapping[str, OutputPort]
 ) -> dict[str, InputPortIndex]:
-    """Connect a controller with what makes its references, and export its readings and all of its outputs.
+    """Connect a controller with the generator of its references; export its measured inputs and all of its outputs.
 
     Args:
-        generator: whose start_position, start_velocity and start_acceleration are the motion of the controller.
-        references: of position, velocity and acceleration, by these names.
+        generator: its inputs start_position, start_velocity and start_acceleration get the motion of the controller.
+        references: ports with the names position, velocity and acceleration.
 
     Returns:
-        The readings that are exported, by name.
+        The exported inputs, by name.
     """
     for name, port in references.items():
         builder.Connect(controller.GetOutputPort(f"task_{name}"), generator.GetInputPort(f"start_{name}"))

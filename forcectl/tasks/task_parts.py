@@ -1,4 +1,4 @@
-"""What fills the slot `task` of `!ReactiveReaching`: the coordinates of an arm, or of one arm in another."""
+"""Parts for the slot `task`: coordinates of an arm in the world, or of one arm relative to another."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from forcectl.tasks.task_frame import TaskFrame
 
 ORIENTATIONS = ("rotation_vector", "euler_angles")
 _NONE = [0.0, 0.0, 0.0]
-_NEAR, _TURN = "from -3 to 3", "from -360 to 360"  # [m, deg] of a frame in that of a hand
+_NEAR, _TURN = "from -3 to 3", "from -360 to 360"  # [m, deg] pose of a task frame in the TCP frame
 
 
 @dataclass(kw_only=True)
 class TaskTargetConfig(Config):
-    """Where task coordinates are to go from a time on; until the first one they stay."""
+    """A target of task coordinates from a time on; until the first one they keep their start values."""
 
-    value: list[float] = key(meaning="of each coordinate", unit="m or rad")
-    time: float = key(0.0, "from which on this is the target", unit="s", bounds="not negative")
+    value: list[float] = key(meaning="target of each task coordinate", unit="m or rad")
+    time: float = key(0.0, "time from which on this target holds", unit="s", bounds="not negative")
 
 
 def check_times(targets: Sequence[Any], of: Callable[[Any], str] = lambda target: "") -> None:
-    """Refuse two targets of the same at the same time.
+    """Refuse two targets for the same arm or task at the same time.
 
     Args:
         targets: with their times.
-        of: what a target is of.
+        of: name of the arm of a target; "": all are for the same.
 
     Raises:
         BadInputError: about the second one.
@@ -51,12 +51,12 @@ def check_times(targets: Sequence[Any], of: Callable[[Any], str] = lambda target
 
 
 class TaskPart(Protocol):
-    """A filler of the slot `task`, with its targets over time."""
+    """A part for the slot `task`, with its targets over time."""
 
     targets: list[TaskTargetConfig]
 
     def task(self, start: ArmsMotion) -> ArmTask:
-        """The task, for the motion of the robot in its start posture."""
+        """The task; `start` is the robot at rest in its start posture."""
 
 
 def start_motion(model: PlantModel) -> ArmsMotion:
@@ -66,16 +66,26 @@ def start_motion(model: PlantModel) -> ArmsMotion:
 
 
 def made_task(part: TaskPart, start: ArmsMotion, key: str) -> ArmTask:
-    """The task of a part that stands at `key`, see `made_by`."""
+    """The task of the part with this key in the scenario, see `made_by`."""
     return made_by(part, "task", key, ArmTask, "an ArmTask", start)
 
 
 @dataclass(kw_only=True)
 class _TaskConfig(Config):
-    coordinates: list[str] = key(lambda: list(COORDINATES), "some of them, in this order", choices=COORDINATES)
-    orientation: str = key("rotation_vector", "how the orientation is written", choices=ORIENTATIONS)
-    priority: int = key(1, "1 comes first", bounds="from 1 to 1000")
-    targets: list[TaskTargetConfig] = key([], "over time; until the first one the coordinates stay")
+    coordinates: list[str] = key(
+        lambda: list(COORDINATES),
+        "coordinates of the pose that the task controls, in the order x, y, z, phi, theta, psi",
+        choices=COORDINATES,
+    )
+    orientation: str = key(
+        "rotation_vector",
+        "representation of the orientation: rotation vector from the start orientation, or Euler angles",
+        choices=ORIENTATIONS,
+    )
+    priority: int = key(1, "priority level of the task; 1 is the highest", bounds="from 1 to 1000")
+    targets: list[TaskTargetConfig] = key(
+        [], "targets of the coordinates over time; until the first one they keep their start values"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -93,7 +103,7 @@ class _TaskConfig(Config):
 
 
 def _frame(position: list[float], rotation_deg: list[float]) -> TaskFrame | None:
-    """The frame there; None for the TCP frame itself."""
+    """The task frame with this pose in the TCP frame; None for the TCP frame itself."""
     if not any((*position, *rotation_deg)):
         return None
     return TaskFrame(position, RotationVector().rotation(np.radians(rotation_deg)))
@@ -104,9 +114,11 @@ class ArmTaskConfig(_TaskConfig):
     """Scenario part `!ArmTask`: coordinates of the TCP of an arm, or of a frame fixed to it, in the world."""
 
     arm: str = key(meaning="name of the arm")
-    frame_position: list[float] = key(_NONE, "of the frame, in the TCP frame", unit="m", bounds=_NEAR, size=3)
+    frame_position: list[float] = key(
+        _NONE, "position of the task frame in the TCP frame", unit="m", bounds=_NEAR, size=3
+    )
     frame_rotation_deg: list[float] = key(
-        _NONE, "of the frame, rotation vector in the TCP frame", unit="deg", bounds=_TURN, size=3
+        _NONE, "orientation of the task frame in the TCP frame, a rotation vector", unit="deg", bounds=_TURN, size=3
     )
 
     def task(self, start: ArmsMotion) -> ArmTask:
@@ -118,19 +130,29 @@ class ArmTaskConfig(_TaskConfig):
 
 @dataclass(kw_only=True)
 class RelativeTaskConfig(_TaskConfig):
-    """Scenario part `!RelativeTask`: coordinates of a frame of one arm in a frame of another, its leader."""
+    """Scenario part `!RelativeTask`: coordinates of a frame of one arm (follower) in a frame of another (leader)."""
 
-    leader: str = key(meaning="name of the arm in whose frame they are")
-    follower: str = key(meaning="name of the arm that follows")
-    leader_position: list[float] = key(_NONE, "of the leader's frame, in its TCP frame", unit="m", bounds=_NEAR, size=3)
+    leader: str = key(meaning="name of the arm in whose frame the coordinates are expressed")
+    follower: str = key(meaning="name of the arm whose frame the coordinates describe")
+    leader_position: list[float] = key(
+        _NONE, "position of the leader's frame in the leader's TCP frame", unit="m", bounds=_NEAR, size=3
+    )
     leader_rotation_deg: list[float] = key(
-        _NONE, "of the leader's frame, rotation vector in its TCP frame", unit="deg", bounds=_TURN, size=3
+        _NONE,
+        "orientation of the leader's frame in the leader's TCP frame, a rotation vector",
+        unit="deg",
+        bounds=_TURN,
+        size=3,
     )
     follower_position: list[float] = key(
-        _NONE, "of the follower's frame, in its TCP frame", unit="m", bounds=_NEAR, size=3
+        _NONE, "position of the follower's frame in the follower's TCP frame", unit="m", bounds=_NEAR, size=3
     )
     follower_rotation_deg: list[float] = key(
-        _NONE, "of the follower's frame, rotation vector in its TCP frame", unit="deg", bounds=_TURN, size=3
+        _NONE,
+        "orientation of the follower's frame in the follower's TCP frame, a rotation vector",
+        unit="deg",
+        bounds=_TURN,
+        size=3,
     )
 
     def task(self, start: ArmsMotion) -> RelativeTask:

@@ -1,4 +1,4 @@
-"""What a scenario says of the references of a mode: of each coordinate of each task one `ReferenceConfig`::
+"""Configuration of the references of a mode: one `ReferenceConfig` per coordinate of a task::
 
     references:
       insert:
@@ -6,7 +6,7 @@
         x: {comply: true}
         phi: {comply: true, swing: {amplitude: 0.026, frequency: 2.5}}
 
-Coordinates of which nothing is said come to rest and stay there.
+Coordinates without an entry come to rest and stay there.
 """
 
 from __future__ import annotations
@@ -31,30 +31,56 @@ _OF_COMPLIANCE = {"force": 0.0, "speed_limit": [], "inertia": None, "damping": N
 
 @dataclass(kw_only=True)
 class AdmittanceGainsConfig(Config):
-    """Inertia H and damping D of coordinates that comply, in metres and in radians."""
+    """Virtual inertia H and damping D of compliant coordinates, and the filter of the forces on them."""
 
-    inertia: float = key(0.4, "H of positions", unit="kg", bounds="above 0 and at most 10000")
-    damping: float = key(30.0, "D of positions", unit="N s/m", bounds="from 0.1 to 1000000")
-    turn_inertia: float = key(0.01, "H of rotations", unit="kg m^2/rad", bounds="above 0 and at most 10000")
-    turn_damping: float = key(0.2, "D of rotations", unit="Nms/rad", bounds="from 0.001 to 100000")
-    hysteresis: float = key(
-        0.0, "h: forces are followed once they turned back by 2 h", unit="N", bounds="from 0 to 100"
+    inertia: float = key(
+        0.4, "virtual inertia H of compliant position coordinates", unit="kg", bounds="above 0 and at most 10000"
     )
-    turn_hysteresis: float = key(0.0, "the same of torques", unit="Nm", bounds="from 0 to 100")
+    damping: float = key(
+        30.0, "virtual damping D of compliant position coordinates", unit="N s/m", bounds="from 0.1 to 1000000"
+    )
+    turn_inertia: float = key(
+        0.01,
+        "virtual inertia H of compliant orientation coordinates",
+        unit="kg m^2/rad",
+        bounds="above 0 and at most 10000",
+    )
+    turn_damping: float = key(
+        0.2, "virtual damping D of compliant orientation coordinates", unit="Nms/rad", bounds="from 0.001 to 100000"
+    )
+    hysteresis: float = key(
+        0.0,
+        "half-width h of the hysteresis (play) on forces: a reversal counts only beyond 2 h; 0: none",
+        unit="N",
+        bounds="from 0 to 100",
+    )
+    turn_hysteresis: float = key(
+        0.0,
+        "half-width h of the hysteresis (play) on torques: a reversal counts only beyond 2 h; 0: none",
+        unit="Nm",
+        bounds="from 0 to 100",
+    )
     smoothing: float = key(
-        0.0, "tau: time constant of a low-pass before the hysteresis; 0: none", unit="s", bounds="from 0 to 10"
+        0.0,
+        "time constant tau of the low-pass on forces and torques before the hysteresis; 0: no low-pass",
+        unit="s",
+        bounds="from 0 to 10",
     )
 
 
 @dataclass(kw_only=True)
 class SwingConfig(Config):
-    """A sine that is added to the reference; two of them, 90 degrees apart, are a circle or a spiral."""
+    """A sine that is added to a reference; on two coordinates, 90 degrees apart, it makes a circle or a spiral."""
 
-    frequency: float = key(meaning="of the swing", unit="Hz", bounds="above 0 and at most 20")
-    amplitude: float = key(0.0, "reached after the first period", unit="m or rad", bounds="from 0 to 10")
-    growth: float = key(0.0, "of the amplitude in time", unit="m/s or rad/s", bounds="from 0 to 10")
-    phase_deg: float = key(0.0, "of the sine", unit="deg")
-    delay: float = key(0.0, "from the begin of the mode until it begins", unit="s", bounds="from 0 to 100")
+    frequency: float = key(meaning="frequency of the sine", unit="Hz", bounds="above 0 and at most 20")
+    amplitude: float = key(
+        0.0, "amplitude of the sine, reached after the first period", unit="m or rad", bounds="from 0 to 10"
+    )
+    growth: float = key(0.0, "rate at which the amplitude grows", unit="m/s or rad/s", bounds="from 0 to 10")
+    phase_deg: float = key(0.0, "phase of the sine when the swing begins", unit="deg")
+    delay: float = key(
+        0.0, "time from the begin of the mode to the begin of the swing", unit="s", bounds="from 0 to 100"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -64,11 +90,11 @@ class SwingConfig(Config):
 
 @dataclass(kw_only=True)
 class DampingOverConfig(Config):
-    """A factor of the damping over another coordinate of the task: linear between values, constant outside."""
+    """Factor of the damping as a function of another coordinate of the task: linear between values, else constant."""
 
-    coordinate: str = key(meaning="name of the other one")
-    at: list[float] = key(meaning="its values, ascending", unit="m or rad")
-    factor: list[float] = key(meaning="of the damping there", unit="1", bounds="positive")
+    coordinate: str = key(meaning="name of the other coordinate, on which the damping depends")
+    at: list[float] = key(meaning="values of the other coordinate, ascending", unit="m or rad")
+    factor: list[float] = key(meaning="factor of the damping D at each of these values", unit="1", bounds="positive")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -80,22 +106,49 @@ class DampingOverConfig(Config):
 
 @dataclass(kw_only=True)
 class ReferenceConfig(Config):
-    """What one coordinate does in a mode; at most one of position, by and velocity, else it comes to rest and stays."""
+    """Reference of one coordinate in a mode.
 
-    position: float | None = key(None, "where it goes", unit="m or rad", bounds="from -10 to 10")
-    by: float | None = key(None, "how far it goes from where the mode began", unit="m or rad", bounds="from -10 to 10")
-    velocity: float | None = key(None, "that it takes on", unit="m/s or rad/s", bounds="from -10 to 10")
-    swing: SwingConfig | None = key(None, "that is added")
-    comply: bool = key(False, "whether it gives way to the force along it")
+    At most one of position, by and velocity is given; without any the coordinate comes to rest and stays.
+    """
+
+    position: float | None = key(
+        None, "value to which the coordinate moves; null: none", unit="m or rad", bounds="from -10 to 10"
+    )
+    by: float | None = key(
+        None,
+        "displacement of the coordinate from its value at the begin of the mode; null: none",
+        unit="m or rad",
+        bounds="from -10 to 10",
+    )
+    velocity: float | None = key(
+        None, "constant velocity of the coordinate; null: none", unit="m/s or rad/s", bounds="from -10 to 10"
+    )
+    swing: SwingConfig | None = key(None, "sine added to the reference; null: none")
+    comply: bool = key(False, "whether the coordinate yields to the force along it, by the admittance H a + D v = F")
     force: float = key(
-        0.0, "to which it gives way only beyond: the desired one", unit="N or Nm", bounds="from -1000 to 1000"
+        0.0,
+        "desired force or torque, subtracted from the estimated one before the coordinate yields to it",
+        unit="N or Nm",
+        bounds="from -1000 to 1000",
     )
     speed_limit: list[float] = key(
-        [], "lowest and highest speed of giving way; empty: none", unit="m/s or rad/s", size=2
+        [], "lowest and highest velocity of the compliant displacement; empty: no limits", unit="m/s or rad/s", size=2
     )
-    inertia: float | None = key(None, "H; null: the mode's", unit="kg or kg m^2/rad", bounds="positive")
-    damping: float | None = key(None, "D; null: the mode's", unit="N s/m or Nms/rad", bounds="positive")
-    damping_over: DampingOverConfig | None = key(None, "factor of D over another coordinate")
+    inertia: float | None = key(
+        None,
+        "virtual inertia H of the coordinate; null: that of the admittance gains",
+        unit="kg or kg m^2/rad",
+        bounds="positive",
+    )
+    damping: float | None = key(
+        None,
+        "virtual damping D of the coordinate; null: that of the admittance gains",
+        unit="N s/m or Nms/rad",
+        bounds="positive",
+    )
+    damping_over: DampingOverConfig | None = key(
+        None, "factor of the damping D as a function of another coordinate; null: 1"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -125,22 +178,22 @@ def mode_references(
     followed: Collection[str] = (),
     key: str = "references",
 ) -> ModeReferences:
-    """What all coordinates do in a mode.
+    """References of all coordinates in a mode, in arrays.
 
     Args:
         references: of some coordinates of some tasks.
         tasks: all of the controller, by name and in its order.
-        gains: where a reference says none.
+        gains: H and D of references that give none, and the filter of the forces.
         limits: of the generator.
         period: tick [s].
-        force_dead_band: of what is given way to along positions [N].
-        torque_dead_band: along angles [Nm].
+        force_dead_band: of forces along compliant position coordinates [N].
+        torque_dead_band: of torques along compliant orientation coordinates [Nm].
         followed: names of the tasks that the mode follows; empty: all.
         key: of the references in the scenario, for messages.
 
     Raises:
-        BadInputError: there is no such task or coordinate, the mode does not follow the task, a velocity is beyond the
-            limit, a dead band is below zero, or the filter alone is unstable.
+        BadInputError: an unknown task or coordinate, a task that the mode does not follow, a velocity beyond the
+            limit, a dead band below zero, or an admittance filter that is unstable by itself.
     """
     for name, said in references.items():
         if name not in tasks:

@@ -1,4 +1,4 @@
-"""What fills the slot `constraint` of `!InvarianceRobot` and `!ReactiveReaching`."""
+"""Parts for the slot `constraint`, of `!InvarianceRobot` and of controllers that follow tasks."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from forcectl.tasks.task_parts import made_task, start_motion
 
 
 class ConstraintPart(Protocol):
-    """A filler of the slot `constraint`."""
+    """A part for the slot `constraint`."""
 
     def constraint(self, model: PlantModel) -> Constraint:
         """The constraint, built anew, for this model of the plant."""
 
 
 def constraints_of(parts: Sequence[ConstraintPart], model: PlantModel, key: str = "constraints") -> list[Constraint]:
-    """The constraints of the parts in a list that stands at `key`, see `made_by`."""
+    """The constraints of a list of parts with this key in the scenario, see `made_by`."""
     return [made_constraint(part, model, f"{key}.{i}") for i, part in enumerate(parts)]
 
 
 def made_constraint(part: ConstraintPart, model: PlantModel, key: str) -> Constraint:
-    """The constraint of a part that stands at `key`, see `made_by`."""
+    """The constraint of the part with this key in the scenario, see `made_by`."""
     wanted = "an object with relative_degree and evaluate(motion)"
     return made_by(part, "constraint", key, Constraint, wanted, model)
 
 
 @contextmanager
 def at_keys(keys: Iterable[tuple[str, Constraint]]) -> Iterator[None]:
-    """What is refused within is about the key of the constraint that it is about.
+    """Context in which an error about a constraint gets the key of that constraint.
 
     Args:
-        keys: of constraints in the configuration, each with the constraint.
+        keys: pairs of a key in the configuration and the constraint that it made.
     """
     try:
         yield
@@ -60,13 +60,18 @@ def at_keys(keys: Iterable[tuple[str, Constraint]]) -> Iterator[None]:
 
 @dataclass(kw_only=True)
 class WallConfig(Config):
-    """Scenario part `!Wall`: a plane that the TCP of an arm stays in front of."""
+    """Scenario part `!Wall`: the TCP of an arm stays in front of a plane."""
 
-    point: list[float] = key(meaning="on the plane, in W", unit="m", bounds="from -10 to 10", size=3)
-    normal: list[float] = key(meaning="towards the free side, in W", bounds="not all zero", size=3)
-    arm: str = key("", "name of the arm; empty: the first")
+    point: list[float] = key(meaning="a point on the plane, in the world", unit="m", bounds="from -10 to 10", size=3)
+    normal: list[float] = key(
+        meaning="normal of the plane, towards the free side, in the world", bounds="not all zero", size=3
+    )
+    arm: str = key("", "name of the arm whose TCP is kept in front of the plane; empty: the first")
     gamma: float | None = key(
-        None, "deceleration towards it; null: the controller's", unit="m/s^2", bounds="below zero"
+        None,
+        "gamma: acceleration that brakes the motion towards the plane; null: the controller's",
+        unit="m/s^2",
+        bounds="below zero",
     )
 
     def constraint(self, model: PlantModel) -> Constraint:
@@ -82,13 +87,22 @@ class WallConfig(Config):
 class RangeConfig(Config):
     """Scenario part `!Range`: task coordinates stay between limits."""
 
-    task: Any = slot("task", meaning="whose coordinates")
-    lower: list[float | None] = key([], "of each coordinate; null: none; empty: none at all", unit="m or rad")
-    upper: list[float | None] = key([], "of each coordinate; null: none; empty: none at all", unit="m or rad")
-    gamma: float | None = key(
-        None, "deceleration towards a limit; null: the controller's", unit="m/s^2 or rad/s^2", bounds="below zero"
+    task: Any = slot("task", meaning="task whose coordinates are limited")
+    lower: list[float | None] = key(
+        [], "lower limit of each coordinate; null: none; empty: none at all", unit="m or rad"
     )
-    slack_weight: float | None = key(None, "of soft rows; null: hard", bounds="positive")
+    upper: list[float | None] = key(
+        [], "upper limit of each coordinate; null: none; empty: none at all", unit="m or rad"
+    )
+    gamma: float | None = key(
+        None,
+        "gamma: acceleration that brakes the motion towards a limit; null: the controller's",
+        unit="m/s^2 or rad/s^2",
+        bounds="below zero",
+    )
+    slack_weight: float | None = key(
+        None, "weight of the slack if the constraint is soft; null: hard, without slack", bounds="positive"
+    )
 
     def constraint(self, model: PlantModel) -> TaskRange:
         """See `ConstraintPart`."""
@@ -99,11 +113,15 @@ class RangeConfig(Config):
 
 @dataclass(kw_only=True)
 class SpeedLimitConfig(Config):
-    """Scenario part `!SpeedLimit`: task coordinates change no faster than limits."""
+    """Scenario part `!SpeedLimit`: limits of the speeds of task coordinates."""
 
-    task: Any = slot("task", meaning="whose coordinates")
-    limit: list[float] = key(meaning="of each, or one for all", unit="m/s or rad/s", bounds="from 0.0001 to 100")
-    slack_weight: float | None = key(None, "of soft rows; null: hard", bounds="positive")
+    task: Any = slot("task", meaning="task whose coordinates are limited in speed")
+    limit: list[float] = key(
+        meaning="largest speed of each coordinate, or one for all", unit="m/s or rad/s", bounds="from 0.0001 to 100"
+    )
+    slack_weight: float | None = key(
+        None, "weight of the slack if the constraint is soft; null: hard, without slack", bounds="positive"
+    )
 
     def constraint(self, model: PlantModel) -> TaskSpeedLimit:
         """See `ConstraintPart`."""
@@ -113,10 +131,12 @@ class SpeedLimitConfig(Config):
 
 @dataclass(kw_only=True)
 class LinkDistanceConfig(Config):
-    """Scenario part `!LinkDistance`: the links of the robot keep a distance from each other."""
+    """Scenario part `!LinkDistance`: the links of the robot keep a smallest distance from each other."""
 
-    minimum: float = key(0.01, "distance that is kept", unit="m", bounds="positive")
-    gamma: float = key(-1.0, "deceleration towards it", unit="m/s^2", bounds="below zero")
+    minimum: float = key(0.01, "smallest distance between the links", unit="m", bounds="positive")
+    gamma: float = key(
+        -1.0, "gamma: acceleration that brakes links that approach each other", unit="m/s^2", bounds="below zero"
+    )
 
     def constraint(self, model: PlantModel) -> LinkDistance:
         """See `ConstraintPart`."""
@@ -126,12 +146,23 @@ class LinkDistanceConfig(Config):
 
 @dataclass(kw_only=True)
 class RobustConfig(Config):
-    """Scenario part `!Robust`: a constraint of relative degree 2, kept in spite of bounded errors (5.21)-(5.27)."""
+    """Scenario part `!Robust`: a constraint of relative degree 2 that holds despite bounded errors (5.21)-(5.27)."""
 
-    of: Any = slot("constraint", meaning="that is kept")
-    braking: float = key(meaning="gamma_p, always possible", unit="unit of y per s^2", bounds="positive")
-    measurement_error: list[float] = key([0.0, 0.0], "largest, of y and of y'", bounds="not negative", size=2)
-    model_error: list[float] = key([0.0, 0.0], "largest, of y and of y' after a tick", bounds="not negative", size=2)
+    of: Any = slot("constraint", meaning="constraint to make robust")
+    braking: float = key(
+        meaning="gamma_p: deceleration of the constraint output y that is always possible",
+        unit="unit of y per s^2",
+        bounds="positive",
+    )
+    measurement_error: list[float] = key(
+        [0.0, 0.0],
+        "largest measurement errors of the constraint output y and its rate y'",
+        bounds="not negative",
+        size=2,
+    )
+    model_error: list[float] = key(
+        [0.0, 0.0], "largest errors of the predicted y and y' after a tick", bounds="not negative", size=2
+    )
 
     def constraint(self, model: PlantModel) -> RobustConstraint:
         """See `ConstraintPart`."""
@@ -142,22 +173,41 @@ class RobustConfig(Config):
 
 @dataclass(kw_only=True)
 class ForceBandConfig(Config):
-    """Scenario part `!ForceBand`: a measured force on a spring stays in a band (6.16)-(6.21)*.
+    """Scenario part `!ForceBand`: a measured contact force stays between two limits (6.16)-(6.21)*.
 
-    The forces of all bands, in the order of the constraints, are the controller's input measured_force.
+    The contact is modelled as a spring. The forces of all bands, in the order of the constraints, are the controller's
+    input measured_force.
     """
 
-    task: Any = slot("task", meaning="its one coordinate: pressing is towards smaller values")
-    force: list[float] = key(meaning="F_min and F_max", unit="N", bounds="not negative", size=2)
-    stiffness: list[float] = key(meaning="K_min and K_max of the contact", unit="N/m", bounds="positive", size=2)
-    braking: float = key(meaning="gamma_x, always possible", unit="m/s^2", bounds="positive")
+    task: Any = slot(
+        "task", meaning="task with the one position coordinate to control; pressing moves it towards smaller values"
+    )
+    force: list[float] = key(
+        meaning="smallest and largest force, F_min and F_max", unit="N", bounds="not negative", size=2
+    )
+    stiffness: list[float] = key(
+        meaning="smallest and largest stiffness of the contact, K_min and K_max", unit="N/m", bounds="positive", size=2
+    )
+    braking: float = key(
+        meaning="gamma_x: acceleration of the coordinate that is always possible", unit="m/s^2", bounds="positive"
+    )
     measurement_error: list[float] = key(
-        [0.0, 0.0], "largest, of the force and of the speed", unit="N, m/s", bounds="not negative", size=2
+        [0.0, 0.0],
+        "largest measurement errors of the force and of the speed of the coordinate",
+        unit="N, m/s",
+        bounds="not negative",
+        size=2,
     )
     model_error: list[float] = key(
-        [0.0, 0.0], "largest, of the force and of the speed after a tick", unit="N, m/s", bounds="not negative", size=2
+        [0.0, 0.0],
+        "largest errors of the predicted force and speed after a tick",
+        unit="N, m/s",
+        bounds="not negative",
+        size=2,
     )
-    slack_weight: float | None = key(None, "of soft rows; null: hard", bounds="positive")
+    slack_weight: float | None = key(
+        None, "weight of the slack if the constraint is soft; null: hard, without slack", bounds="positive"
+    )
 
     def constraint(self, model: PlantModel) -> ForceBand:
         """See `ConstraintPart`."""

@@ -1,4 +1,4 @@
-"""What the configurations of all controllers that follow tasks share: tasks, limits, constraints, modes."""
+"""Configuration keys that all controllers of tasks share: tasks, limits, constraints, modes."""
 
 from __future__ import annotations
 
@@ -31,12 +31,18 @@ from forcectl.tasks.task_parts import made_task
 
 @dataclass(kw_only=True)
 class ModeConfig(Config):
-    """What changes while the signal mode is the number of this one, see `Mode`."""
+    """Settings that hold while the signal mode is the number of this mode, see `Mode`."""
 
-    tasks: list[str] = key([], "names of those that are followed; empty: all")
-    constraints: list[Any] = slot("constraint", list, meaning="beside those that are always kept")
-    touching: list[list[str]] = key([], "two shapes each that may touch, or a shape and a box, by name")
-    null_space: list[Any] = slot("null_space", list, meaning="one, instead of the controller's; empty: that")
+    tasks: list[str] = key([], "names of the tasks that the mode follows; empty: all")
+    constraints: list[Any] = slot(
+        "constraint", list, meaning="constraints of this mode, beside those of the controller"
+    )
+    touching: list[list[str]] = key(
+        [], "pairs of names, of two shapes or a shape and a box, that may touch in this mode"
+    )
+    null_space: list[Any] = slot(
+        "null_space", list, meaning="criterion of the null space in this mode, one at most; empty: the controller's"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -52,22 +58,34 @@ class ModeConfig(Config):
 
 @dataclass(kw_only=True)
 class TaskControllerConfig(Config):
-    """Keys of every controller that follows tasks; a subclass says by which modes, and where they go."""
+    """Keys of every controller that follows tasks; a subclass adds the modes and the references or targets."""
 
     reads_of_model: ClassVar[tuple[str, ...]] = ("masses",)
 
-    tasks: dict[str, Any] = slot("task", dict, meaning="by name; empty: the whole pose of every arm")
-    motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the references")
-    limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
+    tasks: dict[str, Any] = slot("task", dict, meaning="tasks by name; empty: the whole pose of every arm")
+    motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the task references")
+    limits: JointLimitConfig = key(
+        JointLimitConfig, "joint limits that replace the robot's; the robot's hold where none is given"
+    )
     speed_margin: float = key(
-        0.01, "share of the speed limits of the joints that is left to their servos", unit="1", bounds="not negative"
+        0.01,
+        "share of the joint speed limits that commands leave unused, as a margin for the servos",
+        unit="1",
+        bounds="not negative",
     )
-    null_space: Any = slot("null_space", JointSpeedConfig, meaning="what joints do that the tasks leave free")
+    null_space: Any = slot(
+        "null_space", JointSpeedConfig, meaning="criterion of the joint motion that the tasks leave free (null space)"
+    )
     link_distance: float = key(
-        0.01, "of the links from each other and from boxes; 0: not kept, without boxes", unit="m", bounds="not negative"
+        0.01,
+        "smallest distance of links from each other and from boxes; 0: no limit, only allowed without boxes",
+        unit="m",
+        bounds="not negative",
     )
-    constraints: list[Any] = slot("constraint", list, meaning="further ones")
-    solver: str = key(DEFAULT_SOLVER, "of the quadratic programs", choices=solver_choices)
+    constraints: list[Any] = slot(
+        "constraint", list, meaning="constraints besides joint limits and link distances, kept in every mode"
+    )
+    solver: str = key(DEFAULT_SOLVER, "solver of the quadratic programs", choices=solver_choices)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -76,7 +94,7 @@ class TaskControllerConfig(Config):
             raise invalid("speed_margin", self.speed_margin, "below 1")
 
     def made_tasks(self, start: ArmsMotion) -> dict[str, ArmTask]:
-        """The tasks of the scenario by name, for the motion of the robot in its start posture."""
+        """The tasks of the scenario by name; `start` is the robot at rest in its start posture."""
         return {name: made_task(part, start, f"tasks.{name}") for name, part in self.tasks.items()}
 
     def made_controller(
@@ -87,10 +105,10 @@ class TaskControllerConfig(Config):
         Args:
             model: of the plant.
             tasks: by name, in the order of the coordinates.
-            modes: by what stands behind `modes.` in their keys, in the order of their numbers; empty: none.
+            modes: by the part of their keys after `modes.`, in the order of their numbers; empty: none.
 
         Raises:
-            BadInputError: something does not fit.
+            BadInputError: tasks, modes, limits and constraints do not fit the robot or each other.
         """
         robot = model.known_robot()
         if model.obstacles and not self.link_distance > 0:
@@ -99,7 +117,7 @@ class TaskControllerConfig(Config):
         limits = replace(limits, velocity=(1.0 - self.speed_margin) * limits.velocity)
         shapes = RobotShapes.load(*robot.source) if self.link_distance > 0 else None
         always = constraints_of(self.constraints, model)
-        apart: dict[str, list[LinkDistance]] = {}  # modes in which the same may touch have the same distances
+        apart: dict[str, list[LinkDistance]] = {}  # modes with the same `touching` share their distances
         kept, keys = [], [(f"constraints.{i}", one) for i, one in enumerate(always)]
         for at, mode in _keys(modes or {"": ModeConfig()}):
             if (touching := repr(mode.touching)) not in apart:
@@ -140,7 +158,7 @@ class TaskControllerConfig(Config):
     def _apart(
         self, shapes: RobotShapes | None, model: PlantModel, touching: Sequence[Sequence[str]], key: str
     ) -> list[LinkDistance]:
-        """The distances of the links from each other and from boxes, but for what may touch, which stands at `key`."""
+        """The distances of links from each other and from boxes, except of pairs that may touch, given at `key`."""
         if shapes is None:
             return []
         known = [*shapes.names, *model.obstacles]
@@ -171,10 +189,10 @@ def _followed(mode: ModeConfig, tasks: Mapping[str, ArmTask], key: str) -> list[
 
 
 def _check_coordinates(tasks: Mapping[str, ArmTask], robot: RobotModel) -> None:
-    """Tasks of one priority that are followed together have at most the six coordinates of a pose for each arm, and of
-    an arm with fewer joints as many as those.
+    """Refuse tasks of one arm and priority, followed together, with more than the six coordinates of a pose, or with
+    more than there are joints.
 
-    Those of an arm in the world and of one in another arm count apart.
+    Tasks of an arm in the world and of the same arm relative to a leader are counted separately.
     """
     sizes: dict[tuple[str, str, int], int] = {}
     for name, task in tasks.items():

@@ -1,6 +1,6 @@
-"""Scenario part `!ReactiveReaching`: both arms reach for poses that change while they move (Fig. 5.3).
+"""Scenario part `!ReactiveReaching`: arms move to target poses that may change while they move (Fig. 5.3).
 
-A MotionController (see `forcectl.tasks.controllers.base`): targets over time, generator and reactive controller.
+Its parts are the targets over time, the trajectory generator and the reactive controller.
 """
 
 from __future__ import annotations
@@ -31,21 +31,28 @@ from forcectl.tasks.relative_task import RelativeTask
 from forcectl.tasks.task_frame import TaskFrame
 from forcectl.tasks.task_parts import TaskTargetConfig, check_times, start_motion
 
-_FARTHEST = 10.0  # [m or rad] beyond is no target of any arm, but a mistake
-_SAME = 1e-3  # [m] between two places that are the same
-_BEYOND = 1.5  # times the length of the arm; a target nearer than that and out of reach is told after the run
+_FARTHEST = 10.0  # [m or rad] largest plausible distance of a target from the start
+_SAME = 1e-3  # [m] two positions nearer than this count as the same
+_BEYOND = (
+    1.5  # times the length of the arm: farther targets are refused; nearer ones out of reach are reported after the run
+)
 
 NamedTask = tuple[str, ArmTask, list[tuple[str, TaskTargetConfig]]]  # name in the scenario, targets with their keys
 
 
 @dataclass(kw_only=True)
 class ReachConfig(Config):
-    """Where an arm is to go from a time on; until its first one it stays."""
+    """A target pose of an arm from a time on; until its first one the arm stays at its start pose."""
 
     arm: str = key(meaning="name of the arm")
-    position: list[float] = key(meaning="of the TCP in the world", unit="m", size=3)
-    time: float = key(0.0, "from which on this is the target", unit="s", bounds="not negative")
-    turn_deg: list[float] = key([0.0, 0.0, 0.0], "rotation vector from the start, in W", unit="deg", size=3)
+    position: list[float] = key(meaning="target position of the TCP in the world", unit="m", size=3)
+    time: float = key(0.0, "time from which on this target holds", unit="s", bounds="not negative")
+    turn_deg: list[float] = key(
+        [0.0, 0.0, 0.0],
+        "target orientation, a rotation vector from the start orientation, in the world",
+        unit="deg",
+        size=3,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -53,21 +60,25 @@ class ReachConfig(Config):
             raise invalid("turn_deg", self.turn_deg, "of less than 180 degrees in all")
 
     def of_task(self) -> TaskTargetConfig:
-        """The same, for the task of the whole pose of the arm."""
+        """This target as one of the task of the whole pose of the arm."""
         return TaskTargetConfig(value=[*self.position, *np.radians(self.turn_deg).tolist()], time=self.time)
 
 
 @dataclass(kw_only=True)
 class RandomMovesConfig(Config):
-    """Moves of all arms at a time to random places about where they start, without a turn."""
+    """Moves of all arms at the same times to random positions around their start positions, without rotation."""
 
-    count: int = key(0, "of the moves", bounds="from 0 to 100000")
-    start: float = key(1.0, "of the first one", unit="s", bounds="not negative")
-    every: float = key(1.6, "from one to the next", unit="s", bounds="positive")
+    count: int = key(0, "number of random moves; 0: none", bounds="from 0 to 100000")
+    start: float = key(1.0, "time of the first move", unit="s", bounds="not negative")
+    every: float = key(1.6, "time from one move to the next", unit="s", bounds="positive")
     extent: list[float] = key(
-        [0.06, 0.06, 0.06], "to both sides along x, y and z", unit="m", bounds="not all zero", size=3
+        [0.06, 0.06, 0.06],
+        "largest displacement from the start position, to either side, along x, y and z",
+        unit="m",
+        bounds="not all zero",
+        size=3,
     )
-    seed: int = key(0, "of the places", bounds="at least 0")
+    seed: int = key(0, "seed of the random positions", bounds="at least 0")
 
     def targets(self, start: ArmsMotion) -> list[ReachConfig]:
         """The targets of all moves, from the start posture."""
@@ -83,9 +94,13 @@ class RandomMovesConfig(Config):
 class ReactiveReachingConfig(TaskControllerConfig):
     """Scenario part `!ReactiveReaching`."""
 
-    targets: list[ReachConfig] = key([], "of whole poses; with `tasks` they have their own")
-    random_moves: RandomMovesConfig = key(RandomMovesConfig, "instead of targets")
-    modes: list[ModeConfig] = key([], "by their number, which is the signal mode; the first is that of the start")
+    targets: list[ReachConfig] = key(
+        [], "target poses of the TCPs over time; with `tasks` empty, as tasks have their own targets"
+    )
+    random_moves: RandomMovesConfig = key(RandomMovesConfig, "random moves of all arms, instead of targets")
+    modes: list[ModeConfig] = key(
+        [], "modes in the order of their numbers, which are the values of the signal mode; the first is the start"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,7 +124,7 @@ class ReactiveReachingConfig(TaskControllerConfig):
         return builder.AddNamedSystem("reactive_reaching", made)
 
     def _targets_of(self, name: str) -> Sequence[TaskTargetConfig]:
-        """Those of a task, which may be of a class of the user's."""
+        """The targets of a task, whose class may be a user's own."""
         targets = getattr(self.tasks[name], "targets", None)
         if not isinstance(targets, list | tuple) or not all(hasattr(one, "value") for one in targets):
             raise invalid(f"tasks.{name}.targets", targets, "a list of TaskTargetConfig")
@@ -134,7 +149,7 @@ class ReactiveReachingConfig(TaskControllerConfig):
 
 
 def _check_apart(targets: Sequence[ReachConfig]) -> None:
-    """Two arms are not sent to the same point at the same time."""
+    """Refuse targets that send two arms to the same point at the same time."""
     begun: dict[float, list[tuple[int, ReachConfig]]] = {}
     for i, target in enumerate(targets):
         for j, other in begun.setdefault(target.time, []):
@@ -145,10 +160,10 @@ def _check_apart(targets: Sequence[ReachConfig]) -> None:
 
 
 def _check_places(tasks: Sequence[NamedTask], model: PlantModel) -> None:
-    """Targets of whole poses are not far beyond the arm, and in none of the station's boxes.
+    """Refuse targets of whole poses far beyond the reach of the arm or in one of the station's boxes.
 
     Raises:
-        BadInputError: about the target that is not.
+        BadInputError: about such a target.
     """
     for _, task, targets in tasks:
         if type(task) is not ArmTask or task.frame is not None or list(task.coordinates[:3]) != ["x", "y", "z"]:
@@ -165,11 +180,11 @@ def _check_places(tasks: Sequence[NamedTask], model: PlantModel) -> None:
 
 
 def arm_reach(robot: RobotModel, arm: str, posture: Array) -> tuple[Array, float]:
-    """Place of the first joint of an arm in the world (3,) [m], and how far its TCP can be from there at most [m].
+    """Position of the first joint of an arm in the world (3,) [m], and the largest distance of its TCP from there [m].
 
     Args:
         robot: with that arm.
-        arm: its name.
+        arm: name of the arm.
         posture: any, shape (n,) [rad].
     """
     parts, context = robot.parts, robot.context_at(posture)
@@ -182,11 +197,11 @@ def arm_reach(robot: RobotModel, arm: str, posture: Array) -> tuple[Array, float
 
 
 def task_space(robot: RobotModel, task: ArmTask, posture: Array) -> dict[str, tuple[float, float]]:
-    """By coordinate the lowest and the highest value that is no mistake: beyond no arm reaches [m or rad].
+    """Lowest and highest plausible value of each coordinate, by name: no arm reaches values beyond [m or rad].
 
     Args:
         robot: with the arms of the task.
-        task: whose coordinates; of a user's class there are none.
+        task: whose coordinates are asked for; a task of a user's class gives an empty result.
         posture: any, shape (n,) [rad].
     """
     if type(task) not in (ArmTask, RelativeTask):
@@ -203,15 +218,15 @@ def task_space(robot: RobotModel, task: ArmTask, posture: Array) -> dict[str, tu
 
 
 def _offset(frame: TaskFrame | None) -> float:
-    """How far a frame is from that of the TCP [m]."""
+    """Distance of a frame from that of the TCP [m]."""
     return 0.0 if frame is None else float(np.linalg.norm(frame.position))
 
 
 def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:
-    """Coordinates of all tasks over time.
+    """Targets of all task coordinates over time.
 
     Raises:
-        BadInputError: a target of another size than its task.
+        BadInputError: a target of another size than its task, or too far from the start.
     """
     steps, begin = [], 0
     for _, task, targets in tasks:
@@ -221,7 +236,7 @@ def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:
                 raise BadInputError(wrong, key=where)
             place = slice(begin, begin + task.size)
             if not (np.abs(np.subtract(target.value, now[place])) <= _FARTHEST).all():
-                shown = slice(None if where.endswith(".value") else 3)  # a position is written without its turn
+                shown = slice(None if where.endswith(".value") else 3)  # the key of a position has no orientation
                 near = f"within {_FARTHEST:g} m or rad of the start, {np.round(now[place], 3)[shown].tolist()}"
                 raise invalid(where, target.value[shown], near)
             steps.append((target.time, place, target.value))
@@ -235,7 +250,7 @@ def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:
 
 
 class ReactiveReaching(PythonDiagram):
-    """Reactive motion with its targets over time.
+    """Reactive motion with a source of its targets over time.
 
     ```
     name: ReactiveReaching
@@ -245,18 +260,18 @@ class ReactiveReaching(PythonDiagram):
     near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target]
     ```
 
-    task_target: shape (k,), of the tasks [m or rad]. A function of time.
-    task_position_reference: shape (k,), of the generator [m or rad]. State.
-    task_position, task_velocity, task_acceleration: shape (k,), of the controller [m or rad, m/s or rad/s, m/s^2 or
-    rad/s^2]. State.
+    task_target: shape (k,), targets of the task coordinates [m or rad]. A function of time.
+    task_position_reference: shape (k,), output of the generator [m or rad]. State.
+    task_position, task_velocity, task_acceleration: shape (k,), outputs of the controller, from which the generator
+    continues [m or rad, m/s or rad/s, m/s^2 or rad/s^2]. State.
     The other ports: see `ReactiveMotion`. All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: every `period` [s] of the controller; no delay from the readings to the references.
+    Sampling: every `period` [s] of the controller; no delay from the measurements to the joint references.
 
     Args:
-        controller: of the tasks.
-        target: of their coordinates.
-        limits: of the motion.
+        controller: that follows the tasks.
+        target: of the task coordinates over time.
+        limits: of the references.
         tasks: by name, in the order of the coordinates.
     """
 

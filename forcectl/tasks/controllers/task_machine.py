@@ -1,17 +1,17 @@
-"""Scenario part `!TaskMachine`: a task in modes, with what every mode follows, gives way to and waits for.
+"""Scenario part `!TaskMachine`: a state machine whose modes have references, compliance, constraints and guards.
 
-The modes of the thesis' Figs. 6.7 and 6.14 and of any other task::
+It makes the modes of the thesis' Figs. 6.7 and 6.14 and of any other task::
 
     signals of the loop, forces and motion of the tasks -> state machine -> mode -> references, reactive controller
                                                                          -> grippers, taring
 
-Guards read, beside `time`, `visits` and `elapsed` (see `StateMachine`), with a task called `insert`:
+Signals of guards, beside `time`, `visits` and `elapsed` (see `StateMachine`), for a task named `insert`:
 
-- `insert.z`, `insert.speed_z`: its coordinates and their speeds, as commanded [m or rad, per s],
+- `insert.z`, `insert.speed_z`: its commanded coordinates and their speeds [m or rad, per s],
 - `insert_force.force_z`, `insert_force.torque_x`, ...: the wrench on it, see `TaskForce` [N, Nm],
-- `reached`, `stalled`, `holding`: of the controller at the tick before, see `ReactiveController`,
-- `gripper_holds.left`: 1 where a gripper holds something,
-- `torque_elsewhere.left`: of a `!KalmanForceEstimator`, what acts on the arm but not on its tool [Nm].
+- `reached`, `stalled`, `holding`: outputs of the controller at the tick before, see `ReactiveController`,
+- `gripper_holds.left`: 1 if the gripper of that arm holds something, else 0,
+- `torque_elsewhere.left`: of a `!KalmanForceEstimator`, torque that no wrench on the arm's tool can cause [Nm].
 """
 
 from __future__ import annotations
@@ -66,26 +66,41 @@ _OF_ARMS = ("gripper_holds", "torque_elsewhere")
 
 @dataclass(kw_only=True)
 class TaskModeConfig(ModeConfig, MachineModeConfig):
-    """A mode: what it follows, keeps and gives way to, how it ends."""
+    """A mode: its tasks, references, constraints and limits, and how it ends."""
 
     references: dict[str, dict[str, ReferenceConfig]] = key(
-        {}, "what coordinates of tasks do, by task and coordinate; others come to rest and stay"
+        {}, "references of this mode by task and coordinate; coordinates without one come to rest and stay"
     )
-    motion_limits: MotionLimitsConfig | None = key(None, "limits of the references; null: the controller's")
+    motion_limits: MotionLimitsConfig | None = key(None, "reference limits of this mode; null: the controller's")
 
 
 @dataclass(kw_only=True)
 class TaskMachineConfig(TaskControllerConfig):
     """Scenario part `!TaskMachine`."""
 
-    modes: dict[str, TaskModeConfig] = key(meaning="by name; the first is that of the start")
-    on_bad_signal: str = key("", "mode that begins when a signal that a guard reads is no number for long")
-    always: list[ExitConfig] = key([], "transitions of every mode but ends, looked at before its own")
-    longest_gap: float = key(LONGEST_GAP, "of such signals, that is passed over", unit="s", bounds="from 0 to 10")
-    admittance: AdmittanceGainsConfig = key(AdmittanceGainsConfig, "of coordinates that comply")
-    force_dead_band: float = key(0.0, "of forces that are complied to", unit="N", bounds="from 0 to 100")
-    torque_dead_band: float = key(0.0, "of torques that are complied to", unit="Nm", bounds="from 0 to 100")
-    of_both: bool = key(True, "whether forces of relative tasks are the mean of what both arms feel; else the follower")
+    modes: dict[str, TaskModeConfig] = key(meaning="modes by name; the machine starts in the first")
+    on_bad_signal: str = key(
+        "", "mode that begins after longest_gap without a finite value of a guard's signal; empty: none"
+    )
+    always: list[ExitConfig] = key([], "transitions of every mode except ends, checked before its own")
+    longest_gap: float = key(
+        LONGEST_GAP,
+        "longest time without a finite value of a guard's signal before on_bad_signal begins",
+        unit="s",
+        bounds="from 0 to 10",
+    )
+    admittance: AdmittanceGainsConfig = key(
+        AdmittanceGainsConfig, "inertia, damping and force filter of compliant coordinates"
+    )
+    force_dead_band: float = key(
+        0.0, "dead band of the forces on compliant coordinates", unit="N", bounds="from 0 to 100"
+    )
+    torque_dead_band: float = key(
+        0.0, "dead band of the torques on compliant coordinates", unit="Nm", bounds="from 0 to 100"
+    )
+    of_both: bool = key(
+        True, "whether the force on a relative task is the mean of both arms' estimates; false: the follower's"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -112,13 +127,13 @@ class TaskMachineConfig(TaskControllerConfig):
         return next(iter(self.modes))
 
     def beyond(self, duration: float) -> dict[str, str]:
-        """What a run of this duration [s] does not come to: keys with their values, and why."""
+        """Transitions that a run of this duration [s] cannot reach: keys with their values, and why."""
         first = [Expression(each.when).limits().get(ELAPSED, (0.0, 0.0))[0] for each in self.always]
         late = {i: each.when for i, each in enumerate(self.always) if first[i] >= duration}
         return {f"always.{i}.when = {when!r}": f"the run ends at {duration:g} s" for i, when in late.items()}
 
     def machine(self) -> MachineChart:
-        """The state machine as it is drawn."""
+        """The state machine as a chart."""
         return machine_chart("", self.modes, self._start, self.on_bad_signal, self.longest_gap, self.always)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
@@ -166,7 +181,7 @@ class TaskMachineConfig(TaskControllerConfig):
         return builder.AddNamedSystem("task_machine", made)
 
     def _wants_force(self, machine: StateMachine) -> str:
-        """Key of the first guard or reference that takes an estimated force."""
+        """Key of the first guard or reference that needs an estimated force."""
         guards = [machine.port_keys[_force(name)] for name in self.tasks if _force(name) in machine.port_keys]
         references = [
             f"modes.{mode}.references.{task}.{coordinate}.comply"
@@ -178,10 +193,10 @@ class TaskMachineConfig(TaskControllerConfig):
         return [*guards, *references][0]
 
     def built_modes(self) -> dict[str, TaskModeConfig]:
-        """The modes, and in ends what may touch in a mode that leads there, too.
+        """The modes; shapes that may touch in a mode may also touch in the ends that it leads to.
 
-        What touches when a mode ends is within the distance that is kept elsewhere: an end would push it out, with a
-        jump, instead of standing still or going back slowly as it says.
+        Shapes in contact when an end begins are nearer than `link_distance`. With the distance limit back on, the end
+        would push them apart with a jump, instead of resting or retracting slowly as configured.
         """
         found = {}
         for name, mode in self.modes.items():
@@ -196,8 +211,7 @@ class TaskMachineConfig(TaskControllerConfig):
         return [each.to for each in (*self.always, *mode.exits)] + [mode.on_timeout, self.on_bad_signal]
 
     def _check_forces(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
-        """No guard waits for, and no mode presses with, a wrench far beyond what the motors hold; no guard for a speed
-        beyond what references have."""
+        """Refuse guards and desired forces far beyond what the motors hold, and guards on speeds beyond the references'."""
         self._check_guards(speed_ranges([*self.modes.values()], tasks, self.motion_limits), _SLOWER)
         ranges, because = wrench_ranges(model, tasks)
         self._check_guards(ranges, because)
@@ -208,7 +222,7 @@ class TaskMachineConfig(TaskControllerConfig):
                     check_held(key, one.force, coordinate, task, ranges, because)
 
     def _check_places(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
-        """No coordinate is sent, or waited for, far beyond the arms, nor turned further than an orientation can be."""
+        """Refuse references and guards far beyond the reach of the arms or the range of an orientation."""
         spaces = {name: task_space(model.known_robot(), task, model.start) for name, task in tasks.items()}
         ranges = {f"{name}.{each}": span for name, space in spaces.items() for each, span in space.items()}
         self._check_guards(ranges, _BEYOND_ARMS)
@@ -222,7 +236,7 @@ class TaskMachineConfig(TaskControllerConfig):
                         raise invalid(f"{key}.swing.delay", one.swing.delay, allowed)
 
     def _check_guards(self, ranges: Mapping[str, tuple[float, float]], because: str) -> None:
-        """Guards wait for values within these ranges, see `check_able`."""
+        """Refuse guards that cannot change their outcome within these ranges, see `check_able`."""
         for name, mode in self.modes.items():
             check_able(f"modes.{name}.exits", mode.exits, ranges, because)
         check_able("always", self.always, ranges, because)
@@ -231,7 +245,7 @@ class TaskMachineConfig(TaskControllerConfig):
 def _check_reference(
     key: str, said: ReferenceConfig, space: Mapping[str, tuple[float, float]], coordinate: str
 ) -> None:
-    """What a reference says of places is within the space of its task; `key` is that of the reference."""
+    """Refuse positions and displacements of a reference outside of the space of its task; `key`: of the reference."""
     low, high = space.get(coordinate, (-np.inf, np.inf))
     if said.position is not None and not low <= said.position <= high:
         raise invalid(f"{key}.position", said.position, f"from {low:.3g} to {high:.3g}: {_BEYOND_ARMS}")
@@ -247,12 +261,12 @@ def _check_reference(
 
 
 def _force(task: str) -> str:
-    """Name of the wrench on a task."""
+    """Name of the signal with the wrench on a task."""
     return f"{task}_force"
 
 
 def _signals(tasks: Mapping[str, ArmTask], arms: Sequence[str]) -> dict[str, list[str]]:
-    """What guards may read: components by name of the input."""
+    """Signals that guards may read: names of the components by name of the input."""
     found = {name: [*task.coordinates, *(f"speed_{each}" for each in task.coordinates)] for name, task in tasks.items()}
     others = {_force(name): list(WRENCH_PARTS) for name in tasks}
     others |= {name: [name] for name in _OF_CONTROLLER}
@@ -265,7 +279,7 @@ def _signals(tasks: Mapping[str, ArmTask], arms: Sequence[str]) -> dict[str, lis
 
 
 class TaskMachine(PythonDiagram):
-    """A state machine with the motion whose modes it says.
+    """A state machine and the compliant motion whose mode it selects.
 
     ```
     name: TaskMachine
@@ -278,25 +292,25 @@ class TaskMachine(PythonDiagram):
     transition_value, machine_end, gripper_command (optional), tare (optional)]
     ```
 
-    gripper_holds: shape (a,), 1 where the gripper of an arm holds something [1]. torque_elsewhere: shape (a,) [Nm].
-    Both are there where a guard reads them.
+    gripper_holds: shape (a,), 1 where the gripper of an arm holds something, else 0 [1]. torque_elsewhere: shape (a,)
+    [Nm], size of the joint torque that no wrench on the tool can cause. Both exist if a guard reads them.
     mode, time_in_mode, transition, transition_value, machine_end, gripper_command: see `StateMachine`. Feedthrough of
     joint_position, estimated_wrench, gripper_holds and torque_elsewhere.
-    tare: shape (1,), of the tick before: what estimators make of it is read by the guards [1]. State.
+    tare: shape (1,), that of the tick before: guards read the estimates that depend on it [1]. State.
     task_force, task_wrench: see `TaskForce`. Feedthrough of joint_position and estimated_wrench.
     task_position_reference, task_target, task_displacement, task_force_ok: see `CompliantReferences`. Feedthrough of
     joint_position, estimated_wrench, gripper_holds and torque_elsewhere.
     task_position, task_velocity, task_acceleration: see `ReactiveController`. State.
     The other ports: see `CompliantMotion`. All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: every `period` [s]; no delay from the readings to mode, grippers and references.
+    Sampling: every `period` [s]; no delay from the measurements to mode, grippers and references.
 
     Args:
         motion: of the tasks in each mode.
-        machine: its modes, in the same order.
+        machine: selects the mode; its modes are in the same order.
         tasks: by name, in the order of the coordinates.
-        bands: forces that constraints of the motion read, see `ForceBand`; None where there are none.
-        port_keys: which key of the part wants an input, by its name; for messages.
+        bands: forces that constraints of the motion read, see `ForceBand`; None if no constraint does.
+        port_keys: key of the scenario part that needs an input, by name of the input; for messages.
         period: of the tick [s].
     """
 
@@ -358,7 +372,7 @@ def _tick_before(builder: DiagramBuilder, port: OutputPort, period: float) -> Ou
 def _task_signals(
     builder: DiagramBuilder, motion: CompliantMotion, machine: StateMachine, tasks: Mapping[str, ArmTask]
 ) -> dict[str, OutputPort]:
-    """Motion and wrench of each task that the machine reads."""
+    """Ports with the motion and wrench of the tasks, of those that the machine reads."""
     size = sum(task.size for task in tasks.values())
     found, begin = {}, 0
     moving = None

@@ -43,22 +43,33 @@ _AT_START = {"time": (0.0, _SOON), "elapsed": (_SOON, _SOON), "visits": (1.0, 1.
 class ExitConfig(Config):
     """A transition of a mode: where its guard leads to."""
 
-    when: str = key(meaning="guard, an expression such as abs(touch.force_z) > 1 or time > 0.5")
-    to: str = key(meaning="mode that begins then")
-    hold: float = key(0.0, "how long the guard must hold without a break", unit="s", bounds="not negative")
+    when: str = key(meaning="guard of the transition, an expression such as abs(touch.force_z) > 1 or time > 0.5")
+    to: str = key(meaning="name of the mode that begins when the guard holds")
+    hold: float = key(
+        0.0,
+        "time for which the guard must hold without interruption; 0: one tick is enough",
+        unit="s",
+        bounds="not negative",
+    )
 
 
 @dataclass(kw_only=True)
 class MachineModeConfig(Config):
-    """What a state machine knows of a mode; a controller's own modes derive from it."""
+    """Keys of a mode that the state machine needs; a controller's own modes derive from it."""
 
-    exits: list[ExitConfig] = key([], "transitions; of several whose guards hold the first counts")
-    timeout: float | None = key(None, "longest time in the mode; needed in all but ends", unit="s", bounds="positive")
-    on_timeout: str = key("", "mode that begins then")
-    end: str = key("", "empty: the machine goes on", choices=("", "success", "failure"))
-    reason: str = key("", "of a failure, in words")
-    grippers: dict[str, str] = key({}, "open or closed, by arm; of others as before")
-    tare: bool = key(False, "tare the estimated wrenches")
+    exits: list[ExitConfig] = key([], "transitions out of the mode; of several whose guards hold the first is taken")
+    timeout: float | None = key(None, "longest time in the mode; required except in ends", unit="s", bounds="positive")
+    on_timeout: str = key("", "name of the mode that begins after the timeout")
+    end: str = key(
+        "",
+        "whether the machine ends in this mode, as a success or a failure; empty: it goes on",
+        choices=("", "success", "failure"),
+    )
+    reason: str = key("", "reason of the failure, in words; only in an end with a failure")
+    grippers: dict[str, str] = key(
+        {}, "command of the gripper, open or closed, by arm; arms that are not named keep theirs"
+    )
+    tare: bool = key(False, "whether the estimated wrenches are tared in this mode")
 
 
 Modes = Mapping[str, MachineModeConfig]
