@@ -1,9 +1,9 @@
-"""Task coordinates of one arm, any of position and orientation, and how joint accelerations change them.
+"""Task coordinates of one arm, of position and orientation, and their dependence on joint accelerations.
 
     x = f(q),    x' = J q',    x'' = J u + J'q'                                                        (5.10)
 
-Position and orientation are those of the TCP, or of a frame fixed to it, in the world or in such a frame of another
-arm, the leader.
+Position and orientation are those of the TCP, or of a frame fixed to it. They are expressed in the world, or in such a
+frame of another arm, the leader.
 """
 
 from __future__ import annotations
@@ -44,32 +44,32 @@ class TaskState(NamedTuple):
 class Orientation(Protocol):
     """Three coordinates of an orientation: `RotationVector`, Euler angles, or a user's own.
 
-    An attribute `periodic`, if it is true, says that a whole turn of each of them changes nothing: a controller then
-    counts the turns.
+    If an attribute `periodic` is true, the coordinates are angles modulo a whole turn: a controller then counts the
+    turns.
     """
 
     def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
-        """Of the rotation R (3, 3) that turns at w (3,) [rad/s]."""
+        """The coordinates of the rotation R (3, 3) with the angular velocity w (3,) [rad/s]."""
 
 
 class ArmTask:
     """Some or all of the coordinates x, y, z [m] and phi, theta, psi [rad] of one arm.
 
-    A subclass says in `tool` what pose they are of.
+    A subclass defines the pose that they belong to in `tool`.
 
     Args:
-        arm: its name.
+        arm: name of the arm.
         coordinates: of `COORDINATES`, in that order.
-        orientation: makes phi, theta, psi; None where the task has none of them.
-        priority: the level that it belongs to, 1 is the first.
-        frame: whose coordinates they are, in the TCP frame of the arm; None: that frame itself.
+        orientation: defines phi, theta, psi; may be None if the task has none of them.
+        priority: level of the task; 1 is the first.
+        frame: the task frame, given in the TCP frame of the arm; None: the TCP frame itself.
 
     Attributes:
-        arm, coordinates, orientation, priority, frame: the same; orientation None where the task has no angles.
-        periodic: True for the coordinates of which a whole turn changes nothing, (k,).
+        arm, coordinates, orientation, priority, frame: the same; orientation is None if the task has no angles.
+        periodic: True for coordinates that are angles modulo a whole turn, (k,).
 
     Raises:
-        BadInputError: unknown coordinates, or orientation without what makes it.
+        BadInputError: unknown coordinates, or angles without `orientation`.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class ArmTask:
 
     @property
     def size(self) -> int:
-        """How many coordinates there are."""
+        """Number of coordinates."""
         return len(self._rows)
 
     @property
@@ -105,29 +105,31 @@ class ArmTask:
         return np.array([row > 2 for row in self._rows])
 
     def state(self, motion: ArmsMotion) -> TaskState:
-        """At the motion of this tick."""
+        """The coordinates at this motion; computed once per motion."""
         state: TaskState | None = motion.known.get(self)
-        if state is None:  # a task and the limits of its coordinates ask for the same
+        if state is None:  # a task and the limits of its coordinates share it
             state = motion.known[self] = self.of(self.tool(motion))
         return state
 
     def tool(self, motion: ArmsMotion) -> Spatial:
-        """Whose pose it is that the coordinates are of."""
+        """The motion of the frame whose coordinates these are."""
         tip = motion.arm(self.arm)
         return tip if self.frame is None else self.frame.motion(tip)
 
     def felt(
         self, tips: Mapping[str, TipPose], wrenches: Mapping[str, Vector], *, of_both: bool = True
     ) -> tuple[Vector, Vector]:
-        """What the environment does to the arm at the origin of the frame that the coordinates are of.
+        """The external wrench on the arm at the origin of the task frame.
 
         Args:
             tips: poses of the TCPs in the world, by arm.
-            wrenches: on the arms at their TCPs in the world, by arm, (6,).
-            of_both: of what follower and leader feel of each other the mean; else only what the follower feels.
+            wrenches: estimated wrenches on the arms at their TCPs in the world, by arm, (6,).
+            of_both: of a relative task, whether to take the mean of the estimates of follower and leader; False: that
+                of the follower only.
 
         Returns:
-            The rotation of the frame (3, 3), and the wrench (6,) [torque; force] [Nm, N] in the axes that it is of.
+            The rotation of the task frame (3, 3), and the wrench (6,) [torque; force] [Nm, N], both in the frame that
+            the coordinates are expressed in.
         """
         tip = tips[self.arm]
         pose = tip if self.frame is None else self.frame.pose(tip)
@@ -136,8 +138,8 @@ class ArmTask:
     def forces(self, rotation: Vector, wrench: Vector) -> Vector:
         """Generalized forces along the coordinates, (k,) [N or Nm]: their power x'F is that of the wrench.
 
-        The coordinates phi, theta, psi that the task does not have are held. Near the singularity of Euler angles they
-        are the torques about the axes that the angles turn about, although the rates are damped there.
+        Those of phi, theta, psi that the task does not have are assumed constant. Near the singularity of Euler angles
+        the forces are the torques about the rotation axes of the angles, although the rates are damped there.
 
         Args:
             rotation, wrench: see `felt`.
@@ -150,10 +152,10 @@ class ArmTask:
         return along[self._rows]
 
     def of(self, tool: Spatial, out: TaskState | None = None) -> TaskState:
-        """Of a pose in motion.
+        """The coordinates of a pose in motion.
 
         Args:
-            out: where to put it; new arrays when None.
+            out: arrays for the result; None: new ones.
         """
         k, n = self.size, tool.jacobian.shape[1]
         state = TaskState(np.empty(k), np.empty(k), np.empty((k, n)), np.empty(k)) if out is None else out
@@ -181,10 +183,10 @@ class ArmTask:
 
 
 def gathered(tasks: Sequence[ArmTask], motion: ArmsMotion, near: Vector | None = None) -> TaskState:
-    """The coordinates of all tasks, one after the other; those of each are known to the motion, then.
+    """The coordinates of all tasks, one after the other; the motion caches those of each.
 
     Args:
-        near: values of all of them, (k,): those that are periodic are within half a turn of these.
+        near: values (k,); periodic coordinates are chosen within half a turn of these. None: as they are.
     """
     k, begin = sum(task.size for task in tasks), 0
     every = TaskState(np.empty(k), np.empty(k), np.empty((k, len(motion.q))), np.empty(k))

@@ -1,11 +1,11 @@
-"""What a task costs at the next tick, as a function of the joint accelerations u: the cost (5.16) of (5.14)::
+"""Cost of a task at the next tick as a function of the joint accelerations u, (5.16) in (5.14)::
 
     e = x+ - x_gen,   e' = x'+ - x'_gen,   x+ = x + Ts x' + Ts^2 a/2,   x'+ = x' + Ts a,   a = J u + J'q'      (5.11)
     L = e'Q_p e/2 + e''Q_v e'/2 + e'Q_pv e' + g_p'e + g_v'e'                                                   (5.16)
 
 L is convex when the block matrix [Q_p Q_pv; Q_pv' Q_v] has no negative eigenvalue. With Q_pv = 0 and
-Q_p = r/(Ts/2 + r Ts^2/4) Q_v, an error of the position dies out at the rate r [1/s] while x_gen, x'_gen belong to one
-motion. Divided by Ts^2 here, so that its curvature is J'Q_v J and little more.
+Q_p = r/(Ts/2 + r Ts^2/4) Q_v, a position error decays at the rate r [1/s] if x'_gen is the derivative of x_gen. Here L
+is divided by Ts^2, so that its curvature is about J'Q_v J.
 """
 
 from __future__ import annotations
@@ -20,15 +20,17 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values, check
 from forcectl.tasks.coordinates import TaskState
 
-_ROUNDING = 1e-12  # an eigenvalue that far below zero, of the largest, is zero
+_ROUNDING = 1e-12  # relative to the largest: an eigenvalue this little below zero counts as zero
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Of (5.16), relative to each other: numbers, diagonals (k,) or matrices (k, k) over the coordinates of a level.
+    """Weights of (5.16): numbers, diagonals (k,) or matrices (k, k) for the coordinates of a level.
+
+    Only their ratios matter.
 
     Attributes:
-        position: Q_p; None: that of an error that dies out at `rate` [1/s], beside `velocity`.
+        position: Q_p; None: from `velocity`, so that a position error decays at `rate` [1/s].
         velocity: Q_v; None: 1 for radians and 1/L^2 for metres, L the robot's characteristic length.
         cross: Q_pv.
         position_slope, velocity_slope: g_p, g_v, (k,).
@@ -51,14 +53,14 @@ class TaskCost:
         period: tick Ts [s].
 
     Raises:
-        BadInputError: wrong shapes, or weights that are not convex, or that leave a coordinate without any cost.
+        BadInputError: wrong shapes, weights with a cost that is not convex, or a coordinate without any cost.
     """
 
     def __init__(self, weights: Weights, scale: Vector, period: float):
         size, Ts = len(scale), check("period", period, "positive")
         self._period = Ts
         Qv = _matrix("velocity", scale**2 if weights.velocity is None else weights.velocity, size)
-        # With which an error of the position dies out at the rate, see above.
+        # With this Q_p a position error decays at the rate, see above.
         r = check("rate", weights.rate, "positive")
         default = r / (0.5 * Ts + 0.25 * r * Ts**2) * Qv
         Qp = _matrix("position", default if weights.position is None else weights.position, size)
@@ -67,7 +69,7 @@ class TaskCost:
             if not np.allclose(Q, Q.T, rtol=1e-12, atol=0.0):
                 raise invalid(f"weights.{name}", Q.tolist(), "symmetric")
         together = np.block([[Qp, Qpv], [Qpv.T, Qv]])
-        # Of numbers of one size: Q_p is 1/Ts^2 of Q_v.
+        # Scaled to numbers of one size, as Q_p is 1/Ts^2 times Q_v.
         scale = 1.0 / np.sqrt(np.maximum(np.diag(together), np.finfo(float).tiny))
         scaled = scale[:, None] * together * scale
         if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING * 2 * size:

@@ -1,8 +1,9 @@
-"""Joint-state monitor: finds readings that are no numbers, frozen, lost, or too far from the command.
+"""Joint-state monitor: detects measurements that are not finite, frozen, lost, or too far from the command.
 
-A few bad ticks are passed over, more of them stop the motion until readings are good. Bad is, of a joint, a position or
-speed that is not a number; a position that repeats bit for bit while its command moves on by more than
-`frozen_distance` (lost samples show as this, too); a position further than `largest_error` from the command.
+A few bad ticks are tolerated; more of them stop the motion until the measurements are good again. The measurement of a
+joint is bad if its position or speed is not finite, or if its position is more than `largest_error` from the command.
+It is also bad (frozen) if the position repeats bit for bit while its command moves by more than `frozen_distance`; lost
+samples look the same.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from forcectl.framework.kernels import largest
 
 
 class Readings(NamedTuple):
-    """What is remembered of the readings from tick to tick.
+    """Memory of the monitor from tick to tick.
 
     Attributes:
-        read_position: last one, (n,) [rad]; NaN before the first.
-        read_command: commanded position when it last changed, (n,) [rad].
-        reading_ok: 1 for a joint whose reading was good, else 0, (n,).
-        reading_gap: ticks since all were good.
+        read_position: last measured position, (n,) [rad]; NaN before the first.
+        read_command: commanded position when the measured one last changed, (n,) [rad].
+        reading_ok: 1 for a joint whose measurement was good, else 0, (n,).
+        reading_gap: number of ticks since all were good.
     """
 
     read_position: Vector
@@ -38,9 +39,9 @@ class JointStateMonitor:
 
     Args:
         size: joints n.
-        longest_gap: bad readings that are passed over [s], >= 0.
-        frozen_distance: [rad], > 0.
-        largest_error: [rad], > 0.
+        longest_gap: longest time of bad measurements without a stop [s], >= 0.
+        frozen_distance: of the command while a measured position repeats [rad], > 0.
+        largest_error: of a measured position from the command [rad], > 0.
         period: tick [s].
     """
 
@@ -51,14 +52,14 @@ class JointStateMonitor:
         self._largest_error = check("largest_error", largest_error, "positive")
 
     def look(self, past: Readings, position: Vector, velocity: Vector, q: Vector) -> Readings:
-        """The readings after a tick.
+        """The memory after a tick.
 
         Args:
-            position, velocity: as read (n,) [rad, rad/s].
+            position, velocity: as measured (n,) [rad, rad/s].
             q: as commanded for this tick (n,) [rad].
         """
         error, same = np.abs(position - q), position == past.read_position
-        # Of a NaN every comparison is false: such a reading is not near.
+        # Comparisons with NaN are false: such a measurement is bad.
         if largest(error) <= self._largest_error and math.isfinite(velocity.dot(velocity)) and not largest(same):
             return Readings(position, q, self._ones, 0.0)
         read = np.isfinite(position)

@@ -1,6 +1,6 @@
-"""Modes of the reactive controller: what it follows and keeps, which may change while it runs.
+"""Modes of the reactive controller: tasks, constraints and criteria that may change while it runs.
 
-Everything of a mode is built with the controller; a tick picks the mode that holds.
+All modes are built with the controller; every tick uses the selected one.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from forcectl.tasks.program import TaskProgram, task_levels
 
 @dataclass(frozen=True)
 class Mode:
-    """What a controller does while its input `mode` is the number of this mode, beside what it always does.
+    """Settings of a controller while its input `mode` is the number of this mode.
 
     Attributes:
-        tasks: that are followed, at least one of the controller's; None: all.
-        constraints: that are kept beside the controller's.
+        tasks: tasks that are followed, at least one of the controller's; None: all.
+        constraints: kept in addition to the controller's.
         criterion: of the null space; None: the controller's.
-        weights: of its priority levels, or one for all; None: the controller's.
+        weights: one for every priority level of the mode, or one for all; None: the controller's.
         name: for messages; "": its number.
     """
 
@@ -44,13 +44,13 @@ class Mode:
 
 
 class BuiltMode(NamedTuple):
-    """A mode, ready to be solved.
+    """A mode with its constraints and programs.
 
     Attributes:
-        constraints: all that are kept.
+        constraints: all that are kept, those of the controller included.
         program: of its tasks; a copy is solved.
-        active: which of all task coordinates it follows (k,); None: all.
-        criterion_start: memory of its criterion at first.
+        active: True for task coordinates that it follows (k,); None: all.
+        criterion_start: first memory of its criterion.
     """
 
     constraints: ConstraintSet
@@ -59,17 +59,17 @@ class BuiltMode(NamedTuple):
     criterion_start: Vector
 
     def asked(self, wanted: Vector, own: Vector | float) -> Vector:
-        """Of the coordinates that are followed what is `wanted`, of the others their `own`, (k,)."""
+        """`wanted` for coordinates that are followed, `own` for the others, (k,)."""
         return wanted if self.active is None else np.where(self.active, wanted, own)
 
 
 @dataclass(frozen=True)
 class ModeBuilder:
-    """What all modes of a controller share.
+    """Makes the modes of a controller from what they share.
 
     Attributes:
-        robot: whose joints move.
-        origin: its motion at the start.
+        robot: of the controller.
+        origin: motion of the robot at the start.
         limits: of the joints.
         tasks, constraints, criterion, weights: of the controller.
         gamma, approach: see `ConstraintSet`.
@@ -90,10 +90,10 @@ class ModeBuilder:
     solver: str | Solver
 
     def built(self, modes: Sequence[Mode]) -> list[BuiltMode]:
-        """The modes; without any the one of the controller itself.
+        """The modes; if none are given, one with the settings of the controller.
 
         Raises:
-            BadInputError: something of a mode does not fit; the message begins with its name or number.
+            BadInputError: a mode that does not fit the controller; the message begins with its name or number.
         """
         if not modes:
             return [self._built(Mode(), from_start=True)]
@@ -120,7 +120,7 @@ class ModeBuilder:
         if not isinstance(criterion, AnyCriterion):
             raise BadInputError(f"criterion {type(criterion).__name__} lacks cost(motion, period)")
         start = criterion.memory if isinstance(criterion, RememberingCriterion) else np.zeros(0)
-        cost, _ = stepped(criterion)(self.origin, Ts, start)  # a criterion that does not fit the robot fails here
+        cost, _ = stepped(criterion)(self.origin, Ts, start)  # raises if the criterion does not fit the robot
         _check_cost(cost, len(self.origin.q), type(criterion).__name__)
         joints = [joint.name() for joint in self.robot.parts.joints]
         program = TaskProgram(levels, criterion, constraints, self.limits.torque, Ts, self.solver, joints)
@@ -129,18 +129,18 @@ class ModeBuilder:
 
 
 def cost_components(sizes: Sequence[int]) -> dict[str, Components]:
-    """Components of the costs of modes with so many levels; none where one has the criterion in another place."""
+    """Components of `stage_costs`, from the number of levels of each mode; none if the numbers differ."""
     labels = (*(f"level_{i}" for i in range(1, sizes[0])), "criterion")
     return {"stage_costs": Components("stage", labels)} if len(set(sizes)) == 1 else {}
 
 
 def longer(values: Vector, size: int) -> Vector:
-    """The values (k,) with zeros behind them, (size,)."""
+    """The values (k,), padded with zeros to (size,)."""
     return values if len(values) == size else np.concatenate([values, np.zeros(size - len(values))])
 
 
 def _check_cost(cost: object, n: int, name: str) -> None:
-    """What a criterion returned for n joints is a QuadraticCost that has a minimum."""
+    """Refuse a cost of a criterion for n joints that is no QuadraticCost with a minimum."""
     wanted = f"criterion {name}: cost must be QuadraticCost(hessian, gradient) of shapes ({n}, {n}) and ({n},)"
     try:
         hessian, gradient = (np.asarray(part, dtype=float) for part in cost)  # type: ignore[attr-defined]

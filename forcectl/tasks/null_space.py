@@ -1,9 +1,9 @@
-"""Null-space criteria: what the last priority level minimises in the motion that the tasks leave free, (5.19), (5.20)::
+"""Null-space criteria: what the last priority level minimises by the motion that the tasks leave free, (5.19), (5.20)::
 
     min |q'+ - q0'|^2 ,   q'+ = q' + Ts u                                                              (5.20)
 
-with q0' = 0 for the smallest joint speeds (5.19), or q0' downhill in potentials. Divided by Ts^2 for the solver, and
-with a time constant T of the approach to q0' that may be longer than Ts:
+with q0' = 0 for the smallest joint speeds (5.19), or q0' down the gradients of potentials. For the solver the cost is
+divided by Ts^2, and the time constant T with which q' approaches q0' may be longer than Ts:
 
     u'u/2 + g'u,   g = (q' - q0')/T
 """
@@ -25,8 +25,8 @@ from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel, unit_normal
 from forcectl.tasks.constraints.base import Constraint
 
-_STOPPED = 0.15  # [s] after which a self-motion turns round
-_REDUNDANT = 7  # joints of an arm that moves about its hand
+_STOPPED = 0.15  # [s] a self-motion that is stopped for this long reverses
+_REDUNDANT = 7  # number of joints of an arm with a self-motion
 _OTHERS = np.array([[j for j in range(7) if j != i] for i in range(7)])  # columns of a minor of J (6, 7)
 _SIGNS = (-1.0) ** np.arange(7)
 
@@ -40,10 +40,10 @@ class QuadraticCost(NamedTuple):
 
 @runtime_checkable
 class Criterion(Protocol):
-    """What the last level minimises, forcectl's or a user's own."""
+    """Interface of what the last level minimises, forcectl's or a user's own."""
 
     def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
-        """At this motion, for ticks of `period` [s]."""
+        """The cost at this motion, for ticks of `period` [s]."""
 
 
 @runtime_checkable
@@ -51,13 +51,13 @@ class RememberingCriterion(Protocol):
     """A criterion with a memory, which the controller keeps in its state.
 
     Attributes:
-        memory: at the start, any shape (m,).
+        memory: its value at the start, any shape (m,).
     """
 
     memory: Vector
 
     def step(self, motion: ArmsMotion, period: float, memory: Vector) -> tuple[QuadraticCost, Vector]:
-        """The cost at this motion with this memory, for ticks of `period` [s], and the memory of the next tick."""
+        """The cost at this motion with this memory, for ticks of `period` [s], and the memory for the next tick."""
 
 
 AnyCriterion = Criterion | RememberingCriterion
@@ -65,17 +65,17 @@ AnyCriterion = Criterion | RememberingCriterion
 
 @runtime_checkable
 class Potential(Protocol):
-    """A potential that the joints move down, forcectl's or a user's own."""
+    """Interface of a potential that the joints descend, forcectl's or a user's own."""
 
     def speed(self, motion: ArmsMotion) -> Vector:
-        """Its share of q0', (n,) [rad/s]; downhill."""
+        """Its part of q0', down its gradient, (n,) [rad/s]."""
 
 
 class JointSpeed:
     """The smallest joint speeds at the next tick (5.19).
 
     Args:
-        time_constant: T [s], > 0; None: a tick, as in (5.19).
+        time_constant: T [s], > 0; None: one tick, as in (5.19).
     """
 
     def __init__(self, time_constant: float | None = None):
@@ -86,21 +86,21 @@ class JointSpeed:
         return _towards(motion, 0.0, self._time, period)
 
     def rests_in(self, period: float) -> bool:
-        """Whether it asks for rest after one tick of `period` [s]."""
+        """Whether its minimum is rest after one tick of `period` [s]."""
         return (self._time or 0.0) <= period
 
 
 class EvasiveMotion:
-    """Joint speeds at the next tick near those that lead down some potentials (5.20).
+    """Joint velocities at the next tick near q0', the sum of those that descend some potentials (5.20).
 
     Args:
-        potentials: their speeds add up.
-        speed: of q0' at most, its largest element [rad/s], > 0; before the tasks take what is theirs of it, which is
-            usually most.
-        time_constant: T [s], > 0; None: a tick, as in (5.20).
+        potentials: their joint velocities add up.
+        speed: largest element of q0' [rad/s], > 0; larger q0' are scaled down. The part of q0' that moves the tasks,
+            usually most of it, is lost.
+        time_constant: T [s], > 0; None: one tick, as in (5.20).
 
     Raises:
-        BadInputError: no potential, or one that does not keep to the protocol.
+        BadInputError: no potential, or one without the method of the protocol.
     """
 
     def __init__(self, potentials: Sequence[Potential], speed: float = 0.5, time_constant: float | None = 0.1):
@@ -123,10 +123,10 @@ class EvasiveMotion:
 
 
 class AwayFromJointLimits:
-    """Downhill in sum((q - middle)^2/range^2)/2, scaled so that a joint at its limit is wanted to move at `speed`.
+    """The potential sum((q - middle)^2/range^2)/2, scaled so that the wanted speed of a joint at its limit is `speed`.
 
     Args:
-        lower, upper: limits (n,) [rad]; a joint without both is left alone.
+        lower, upper: limits (n,) [rad]; a joint without both is not moved.
         speed: [rad/s], > 0.
     """
 
@@ -147,12 +147,12 @@ class AwayFromJointLimits:
 class AwayFrom:
     """Away from a constraint y <= 0 of relative degree 2: a wall, an obstacle, the other arm, a user's own.
 
-    Downhill in speed range sum(1 + y/range)^3/3 over the rows within `range` of the constraint; on it, y shrinks at
-    `speed` times the square of the row's length, a metre per radian or so.
+    The potential is speed range sum(1 + y/range)^3/3 over the rows with -y < `range`. At y = 0 the wanted rate of y is
+    -`speed` times the square of the row's norm, which is about a metre per radian.
 
     Args:
         constraint: see `Constraint`.
-        range: where it begins to matter, in units of y [m], > 0.
+        range: value of -y below which the potential acts, in units of y [m], > 0.
         speed: [y/s], > 0.
     """
 
@@ -172,9 +172,9 @@ class AwayFrom:
 
 
 class TowardsSmallMass:
-    """Downhill in the mass that a push at an arm's TCP meets, along one direction: m = 1/(j M^-1 j'), j = d'J.
+    """Towards a small effective mass at an arm's TCP in one direction: m = 1/(j M^-1 j'), j = d'J.
 
-    Its gradient is exact but for two differences of one tick's kinematics, along w = M^-1 j':
+    Its gradient is analytic except for two finite differences of J and M along w = M^-1 j':
 
         d(1/m)/dq = 2 D_w j' - w' dM/dq w,    w' dM/dq w = 2 (D_w M w - C(q, w) w)
 
@@ -182,7 +182,7 @@ class TowardsSmallMass:
         robot: the controller's.
         arm: its name.
         direction: d in the world (3,).
-        gain: speed per relative decrease of the mass per radian [rad^2/s], > 0.
+        gain: joint speed per relative decrease of the mass per radian [rad^2/s], > 0.
     """
 
     def __init__(self, robot: RobotModel, arm: str, direction: ArrayLike, gain: float = 1.0):
@@ -196,7 +196,7 @@ class TowardsSmallMass:
     def speed(self, motion: ArmsMotion) -> Vector:
         """See `Potential`."""
         w, mobility = self._mobility(motion)
-        if not mobility > 1e-9:  # the direction is blocked: nothing is lighter nearby to first order
+        if not mobility > 1e-9:  # no motion in this direction (singular posture): the gradient is 0
             return np.zeros(len(w))
         return self._gain / mobility * self._mobility_gradient(motion.q, w)
 
@@ -225,21 +225,21 @@ class TowardsSmallMass:
 
 
 class SelfMotion:
-    """A steady motion of the joints of every arm that leaves its hand where it is.
+    """A steady motion of the joints of every arm that does not move its TCP.
 
-    A joint that stands may keep any friction up to Coulomb's, and hides forces of that size; one that moves does not.
-    An arm of seven joints turns along the null vector of its Jacobian, fast enough that six of its joints move: a
-    wrench has six components. It turns round after `range`, and where something has stopped it for 0.15 s. Other arms
-    stay at rest. Its memory: the way of each arm, 1 or -1, how far it has gone since the last turn [rad] and for how
-    long it has been stopped [s].
+    A joint at rest is in static friction, which hides external torques up to Coulomb's; a moving joint shows them. An
+    arm of seven joints moves along the null vector of its Jacobian, fast enough that six of its joints move, as a
+    wrench has six components. The motion reverses after `range`, and after it was stopped for 0.15 s. Other arms stay
+    at rest. The memory has, per arm, the direction, 1 or -1, the displacement since the last reversal [rad] and the
+    time for which the motion is stopped [s].
 
     Args:
         robot: the controller's.
-        speed: least length of the joint speeds of an arm [rad/s], > 0.
-        fastest: largest, where some of six joints would otherwise be slower than `slowest` [rad/s], >= `speed`.
-        slowest: that the slowest of six joints of an arm shall have [rad/s], > 0.
-        range: from turn to turn; half of it before the first [rad], > 0.
-        time_constant: T of the approach [s], > 0.
+        speed: smallest norm of the joint velocities of an arm [rad/s], > 0.
+        fastest: largest norm, used where one of six joints would be slower than `slowest` [rad/s], >= `speed`.
+        slowest: smallest speed that six of the joints of an arm shall have [rad/s], > 0.
+        range: displacement from reversal to reversal; half of it before the first [rad], > 0.
+        time_constant: T with which q' approaches the wanted velocities [s], > 0.
 
     Raises:
         BadInputError: a value out of range, or a robot without an arm of seven joints.
@@ -282,7 +282,7 @@ class SelfMotion:
         return _towards(motion, wanted, self._time, period), np.array(after)
 
     def _along(self, motion: ArmsMotion, arm: str) -> tuple[Vector, float]:
-        """The null vector of an arm, and the speed along it [rad/s]."""
+        """The unit null vector of an arm, and the wanted speed along it [rad/s]."""
         jacobian = motion.arm(arm).jacobian[:, self._arms[arm]]
         if jacobian.shape != (6, 7):
             return np.zeros(jacobian.shape[1]), 0.0
@@ -294,14 +294,14 @@ class SelfMotion:
 def stepped(
     criterion: AnyCriterion,
 ) -> Callable[[ArmsMotion, float, Vector], tuple[QuadraticCost, Vector]]:
-    """The `step` of either kind of criterion; one without a memory passes it on."""
+    """The `step` of either kind of criterion; one without a memory returns the memory unchanged."""
     if isinstance(criterion, RememberingCriterion):
         return criterion.step
     return lambda motion, period, memory: (criterion.cost(motion, period), memory)
 
 
 def _null_vector(jacobian: Vector) -> Vector:
-    """The unit vector n with J n = 0 of J (6, 7), as smooth as J: its elements are minors, whose signs alternate."""
+    """The unit vector n with J n = 0 of J (6, 7), made of minors with alternating signs; it is as smooth as J."""
     minors = np.linalg.det(jacobian[:, _OTHERS].swapaxes(0, 1)) * _SIGNS
     length = np.linalg.norm(minors)
     return minors / length if length > 0.0 else np.zeros(7)

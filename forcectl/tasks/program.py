@@ -1,17 +1,17 @@
-"""The programs of the reactive controller at one tick: tasks by priority, then the null space; (5.14), (5.18)::
+"""Quadratic programs of the reactive controller at one tick: tasks by priority, then null space; (5.14), (5.18)::
 
     level 1, 2, ...   L of the tasks of that priority (5.16) + damping |u - u_rest|^2/2
-    level 1           beside these |N (u - u_calm)|^2/2, with N onto what its tasks leave free
+    level 1           also |N (u - u_calm)|^2/2, with the projection N onto the null space of its tasks
     last level        the criterion, (5.19), (5.20)
 
 The damping makes the optimum unique. It is small (a task moves 0.1 % slower where its singular value is 0.3) except
-near a singular posture of the first level, where it grows as in a damped inverse. u_rest = -q'/Ts is rest at the next
-tick. N u changes nothing of the optimum but where a row binds: what an arm would have to swing about its hand for, the
-hand gives way to. N u_calm is that of the tick before, on its way to zero as fast as half of the change allows that u
-may have. There is no such term while what moves beside the tasks brakes, nor where level 1 settles the criterion as
-well, see `TaskProgram.pose`.
+near a singular posture of the first level, where it grows as in a damped inverse. u_rest = -q'/Ts leads to rest at the
+next tick. The term with N changes the optimum only where a constraint row is active: then the tasks deviate, instead
+of a strong acceleration of the arm in its null space. N u_calm is N u of the tick before, reduced towards zero by half
+of the change that is allowed for u. The term is left out while the null-space motion brakes, and where level 1 settles
+the criterion as well, see `TaskProgram.pose`.
 
-Rows of the joint torques are in the programs only in ticks in which an answer without them exceeds a limit.
+Rows of the joint torques are in the programs only in ticks in which a solution without them exceeds a limit.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from forcectl.tasks.cost import TaskCost, Weights
 from forcectl.tasks.null_space import AnyCriterion, JointSpeed, stepped
 
 _NO_MEMORY = np.zeros(0)
-_CALMING = 0.5  # of the change of u that is allowed, the other half is left to the tasks
+_CALMING = 0.5  # share of the allowed change of u; the other half is left to the tasks
 _TINY = 1e-12  # [rad/s^2]
 _LEAST_DAMPING = 1e-4
 _DAMPING = 0.05  # lambda_max of the damped inverse [1]
-_SINGULAR = 0.05  # smallest singular value of the tasks, with lengths in characteristic lengths, that is undamped [1]
+_SINGULAR = 0.05  # smallest singular value of the tasks without damping, in characteristic lengths [1]
 
 
 class Posed(NamedTuple):
-    """What is to be solved at one tick, whether the tasks are damped, and the criterion's memory of the next tick."""
+    """The problem of one tick, whether its tasks are damped, and the criterion's memory for the next tick."""
 
     problem: Problem
     near_singular: bool
@@ -56,29 +56,29 @@ class TaskLevel:
     """The tasks of one priority.
 
     Args:
-        rows: which of all task coordinates they are, (k,).
-        names: of them, (k,).
-        cost: of them.
-        scale: what makes them comparable, (k,) [1/m or 1/rad].
+        rows: indices of its coordinates among all task coordinates, (k,).
+        names: of its coordinates, (k,).
+        cost: of its coordinates.
+        scale: makes its coordinates comparable, (k,) [1/m or 1/rad].
     """
 
     def __init__(self, rows: Indices, names: Sequence[str], cost: TaskCost, scale: Vector):
-        # Neighbours, as they usually are, are picked without a copy.
+        # Adjacent indices, the usual case, become a slice, which makes no copy.
         together = np.array_equal(rows, np.arange(rows[0], rows[0] + len(rows)))
         self.rows = slice(int(rows[0]), int(rows[-1]) + 1) if together else rows
         self.size, self.names, self.cost, self._scales = len(rows), tuple(names), cost, np.outer(scale, scale)
-        # Divided by that, the curvature is at most one for coordinates of comparable size.
+        # Divided by its largest eigenvalue, the scaled curvature is at most one.
         compared = cost.curvature / self._scales
         self._unit = 1.0 / np.linalg.eigvalsh(compared)[-1].item()
         self._curvature = self._unit * cost.curvature
         self._limit = _SINGULAR**2 * np.eye(self.size)
 
     def part(self, state: TaskState) -> TaskState:
-        """Its coordinates among all."""
+        """The state of its coordinates, from that of all."""
         return state if len(state.value) == self.size else TaskState(*(whole[self.rows] for whole in state))
 
     def objective(self, part: TaskState, position: Vector, velocity: Vector) -> Level:
-        """L of this level without damping."""
+        """L of this level, scaled, without damping."""
         J = part.jacobian
         weighted = self._curvature @ J
         slope = self._unit * self.cost.slope(part, position, velocity)
@@ -87,7 +87,7 @@ class TaskLevel:
     def damping(self, J: Vector) -> float:
         """lambda^2 of the damped inverse, from the smallest singular value of J."""
         square = self._scales * (J @ J.T)
-        if is_definite(square - self._limit):  # usually far from singular
+        if is_definite(square - self._limit):  # the usual case: far from singular
             return 0.0
         smallest = max(dsyev(square, compute_v=0)[0].item(0), 0.0)
         return max(_DAMPING**2 * (1.0 - smallest / _SINGULAR**2), 0.0)
@@ -99,8 +99,8 @@ class TaskProgram:
     Args:
         levels: in order of priority.
         criterion: of the last level.
-        constraints: rows and bounds.
-        torque: limit of the joints, infinite where there is none (n,) [Nm].
+        constraints: give rows and bounds.
+        torque: limits of the joint torques, infinite for none (n,) [Nm].
         period: tick [s].
         solver: of the programs: its name, or the solver.
         joints: names of the joints, (n,); numbered when left out.
@@ -120,7 +120,7 @@ class TaskProgram:
         self._joints, self._eye = constraints.joints, np.eye(len(torque))
         rests = isinstance(criterion, JointSpeed) and criterion.rests_in(period)
         self._settled = len(self._levels) == 1 and rests
-        self._beside = self._eye[:, self._levels[0].size :]  # what `left_free` starts from
+        self._beside = self._eye[:, self._levels[0].size :]  # start value of `left_free`
         self._program = ConstrainedProgram(
             constraints,
             torque,
@@ -143,7 +143,7 @@ class TaskProgram:
 
     @property
     def num_rows(self) -> int:
-        """How many rows there are, besides the bounds of the joints."""
+        """Number of rows, besides the bounds of the joints."""
         return self._program.num_rows
 
     def pose(
@@ -156,10 +156,10 @@ class TaskProgram:
         smooth: Smooth | None = None,
         memory: Vector = _NO_MEMORY,
     ) -> Posed:
-        """What is to be solved at a tick.
+        """The problem of a tick.
 
-        Where `|u - u_rest|^2` is both what damps a single level of tasks and the criterion, level 1 settles both: what
-        J leaves free then follows the criterion, unless a row stops it.
+        With a single level of tasks, and a criterion equal to the damping `|u - u_rest|^2`, level 1 settles both: its
+        optimum minimises the criterion in the null space of J as well, unless a row is active.
 
         Args:
             motion: the commanded one.
@@ -171,7 +171,7 @@ class TaskProgram:
             memory: of the criterion.
         """
         parts = [level.part(state) for level in self._levels]
-        # A joint at a limit of its position does not move the task any more.
+        # A joint at its position limit cannot move the task any more.
         first, mobility = parts[0].jacobian, self._joints.mobility(motion.q)
         near = self._levels[0].damping(first if mobility is None else first * mobility)
         found, damping, rest = [], max(near, _LEAST_DAMPING), motion.v / self._period
@@ -186,7 +186,7 @@ class TaskProgram:
         return Posed(problem, near > 0.0, memory)
 
     def _calmed(self, level: Level, v: Vector, smooth: Smooth | None) -> Level:
-        """Level 1 with the accelerations beside its tasks, from those of the tick before on their way to zero."""
+        """Level 1 with the term `|N (u - u_calm)|^2/2`, see this module."""
         hessian, gradient, J = level
         assert J is not None
         free = left_free(J, self._beside) if all_finite(J) else None
@@ -195,7 +195,7 @@ class TaskProgram:
         share = free @ free.T
         if smooth is not None:
             before = share @ smooth.last
-            if before @ v < 0.0:  # what brakes costs nothing
+            if before @ v < 0.0:  # the null-space motion brakes: no term
                 return level
             room = np.where(before > 0.0, smooth.last - smooth.lower, smooth.upper - smooth.last)
             least = smallest(room / np.maximum(np.abs(before), _TINY))
@@ -203,7 +203,7 @@ class TaskProgram:
         return Level(hessian + share, gradient, J)
 
     def solve(self, posed: Posed) -> Outcome:
-        """The optimum, the nearest to it, or braking."""
+        """The optimum, one with slack, or braking; see `Status`."""
         return self._program.solve(posed.problem)
 
     def program(self, posed: Posed, level: int | None) -> MathematicalProgram:
@@ -230,18 +230,18 @@ def task_levels(
     """The levels of tasks by their priority.
 
     Args:
-        tasks: of any priorities, all whose coordinates there are.
-        weights: of every level, or one for all.
-        length: makes lengths and angles comparable [m].
+        tasks: all tasks of the controller, of any priorities.
+        weights: one for every level, or one for all.
+        length: characteristic length that makes lengths and angles comparable [m].
         period: tick [s].
-        active: whether a level has the task, of each; None: all.
+        active: for each task, whether it is followed; None: all are.
 
     Raises:
         BadInputError: not as many weights as levels, or weights that do not fit, see `TaskCost`.
     """
     scale = np.where(np.concatenate([task.angular for task in tasks]), 1.0, 1.0 / length)
     chosen = [True] * len(tasks) if active is None else active
-    levels_of = [task.priority if there else 0 for task, there in zip(tasks, chosen, strict=True)]  # 0 is none
+    levels_of = [task.priority if there else 0 for task, there in zip(tasks, chosen, strict=True)]  # 0: no level
     priority = np.repeat(levels_of, [task.size for task in tasks])
     found = np.unique(priority[priority > 0])
     given = [weights] * len(found) if isinstance(weights, Weights) else list(weights)

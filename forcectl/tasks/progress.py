@@ -1,4 +1,4 @@
-"""Progress of a task: whether its target is reached, or the distance to it has stopped decreasing."""
+"""Progress of a task: whether it has reached its target, or the distance to the target has stopped decreasing."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from forcectl.arrays import Vector
 from forcectl.framework.batch import check
 from forcectl.framework.kernels import largest, smallest
 
-_NEARER = 0.9  # of the smallest distance so far: what counts as coming nearer
-_SLOW = 5.0  # [1/s] at the target the speed is below the tolerance times this
+_NEARER = 0.9  # of the smallest distance so far: a distance below this counts as progress
+_SLOW = 5.0  # [1/s] at a reached target the speed is at most the tolerance times this
 
 
 class Progress(NamedTuple):
-    """What is remembered from tick to tick.
+    """Memory and result from tick to tick.
 
     Attributes:
-        target: (k,).
-        nearest: distance when it last became smaller by a tenth, in tolerances [1].
-        ticks: since then.
+        target: (k,); NaN before the first.
+        nearest: distance when it last decreased by a tenth, in tolerances [1].
+        ticks: number of ticks since then.
         reached, stalled: 1 or 0.
     """
 
@@ -34,12 +34,12 @@ class Progress(NamedTuple):
 class TaskProgress:
     """Compares task coordinates with their target at every tick.
 
-    The distance is the largest of the coordinates', each in units of its tolerance. A target counts as unreachable
-    (`stalled`) once the distance has not become smaller by a tenth for `patience`; a target that changes starts anew.
+    The distance is the largest error of a coordinate in units of its tolerance. A target counts as unreachable
+    (`stalled`) once the distance has not decreased by a tenth for `patience`. A change of the target starts this again.
 
     Args:
         tolerance: of each coordinate (k,) [m or rad], > 0.
-        patience: [s], > 0.
+        patience: longest time without progress [s], > 0.
         period: tick [s].
     """
 
@@ -48,7 +48,7 @@ class TaskProgress:
         self._patience = check("patience", patience, "positive") / period
 
     def look(self, past: Progress, target: Vector, value: Vector, rate: Vector) -> Progress:
-        """The progress after a tick; as before while the target is not a number.
+        """The progress after a tick; unchanged while the target is not finite.
 
         Args:
             target: (k,).

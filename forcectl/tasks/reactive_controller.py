@@ -1,11 +1,11 @@
 """The reactive controller of a robot with several arms: from task references to joint references (Algorithm 2)::
 
     min L(x+ - x_gen, x'+ - x'_gen)   s.t.   E u <= f                                    (5.14), (5.16)
-    then, with J u as it is, the criterion of the null space                             (5.18)
+    then the criterion of the null space, with J u kept                                  (5.18)
     q[k+1] = q[k] + Ts q'[k] + Ts^2 u/2,    q'[k+1] = q'[k] + Ts u                       (5.15)
 
-q, q' are the commanded motion. The trajectory generator is reset when its last reference was not reached, see
-`forcectl.tasks.reference_reset`.
+q, q' are the commanded motion, x its task coordinates. Where constraints keep x from the reference x_gen, the
+trajectory generator is reset, see `forcectl.tasks.reference_reset`.
 """
 
 from __future__ import annotations
@@ -41,21 +41,21 @@ from forcectl.tasks.program import Posed, TaskProgram
 from forcectl.tasks.progress import Progress, TaskProgress
 from forcectl.tasks.reference_reset import ReferenceReset
 
-_MAX_REFERENCE = 1e6  # [m or rad, per s] a reference beyond is no number
-_ROUNDING = 1e-12  # violations below are none
+_MAX_REFERENCE = 1e6  # [m or rad, per s] larger references count as not finite
+_ROUNDING = 1e-12  # smaller violations count as 0
 
-# What is put out besides the references, one number each, see `ReactiveController`.
+# Scalar outputs beside the references, see `ReactiveController`.
 _DIAGNOSTICS = (
     *("status", "active_constraints", "slack", "constraint_violation", "tracking_error", "near_singular"),
     *("levels_solved", "holding", "reached", "stalled"),
 )
-# Inputs that come from the loop, those that there are.
+# Inputs that come from the loop; a controller may have only some of them.
 READINGS = ("joint_position", "joint_velocity", "measured_force", "mode")
 _QUANTITIES = ("position", "velocity", "acceleration")
 
 
 class Tick(NamedTuple):
-    """A tick up to its programs; posed is None where the joints brake without one."""
+    """Results of a tick before its programs are solved; posed is None if the joints brake without a program."""
 
     rows: Rows
     state: TaskState
@@ -67,14 +67,14 @@ class Tick(NamedTuple):
 
 @dataclass(frozen=True)
 class Supervision:
-    """When the motion is stopped, and what counts as reached.
+    """Limits of the joint-state monitor, and tolerances of the targets.
 
     Attributes:
-        longest_gap: bad readings that are passed over [s].
+        longest_gap: longest time of bad joint measurements before the motion stops [s].
         frozen_distance, largest_error: see `JointStateMonitor` [rad].
-        position_tolerance: of the target [m].
-        angle_tolerance: of the target [rad].
-        patience: see `TaskProgress` [s].
+        position_tolerance: largest error of a position coordinate at a reached target [m].
+        angle_tolerance: largest error of an orientation coordinate at a reached target [rad].
+        patience: time without progress after which a target counts as unreachable, see `TaskProgress` [s].
     """
 
     longest_gap: float = 0.02
@@ -93,7 +93,7 @@ _DEFAULT_WEIGHTS, _DEFAULT_SUPERVISION = Weights(), Supervision()
 
 
 class ReactiveController(SampledBlock):
-    """Reactive controller of a robot with any number of arms.
+    """Prioritized task control of a robot with any number of arms, by quadratic programs in joint accelerations.
 
     ```
     name: ReactiveController
@@ -106,42 +106,43 @@ class ReactiveController(SampledBlock):
 
     task_position_reference, task_velocity_reference: shape (k,), x_gen and x'_gen at the next tick, of the coordinates
     of all tasks one after the other [m or rad, m/s or rad/s].
-    task_acceleration_reference: shape (k,), x''_gen at the next tick [m/s^2 or rad/s^2]; not followed, but handed back
-    in task_acceleration while the others are; may be left unconnected.
-    task_target: shape (k,), where they are to end [m or rad]; may be left unconnected, then reached and stalled are 0.
-    joint_position, joint_velocity: shape (n,), as measured [rad, rad/s]; only supervised, see `JointStateMonitor`; may
+    task_acceleration_reference: shape (k,), x''_gen at the next tick [m/s^2 or rad/s^2]; not tracked, but passed on to
+    task_acceleration while x_gen and x'_gen are tracked; may be left unconnected.
+    task_target: shape (k,), target of the coordinates [m or rad]; may be left unconnected, then reached and stalled
+    are 0.
+    joint_position, joint_velocity: shape (n,), as measured [rad, rad/s]; only monitored, see `JointStateMonitor`; may
     be left unconnected.
-    measured_force: shape (b,), of each constraint that reads a force, such as `ForceBand`, in their order [N]. There is
-    none without such a constraint.
-    mode: shape (1,), number of the mode from 0 on [1]. There is none without `modes`.
+    measured_force: shape (b,), one force per constraint that reads one, such as `ForceBand`, in their order [N]. The
+    port exists only with such a constraint.
+    mode: shape (1,), number of the mode from 0 on [1]. The port exists only with `modes`.
     joint_position_command, joint_velocity_command: shape (n,), q and q' at the next tick [rad, rad/s].
-    task_position, task_velocity, task_acceleration: shape (k,), the motion the next reference starts from, see this
-    module [m or rad, m/s or rad/s, m/s^2 or rad/s^2]. State, no direct feedthrough.
-    status: shape (1,), `Status` [1]; from INFEASIBLE on the joints brake and hold, so they do for bad readings.
-    active_constraints: shape (1,), rows and bounds that hold with equality [1].
-    slack: shape (1,), by how much soft rows are missed, in the unit of each [u].
+    task_position, task_velocity, task_acceleration: shape (k,), the motion from which the generator continues, after
+    the reference reset [m or rad, m/s or rad/s, m/s^2 or rad/s^2]. State, no direct feedthrough.
+    status: shape (1,), `Status` [1]; from INFEASIBLE on, and after bad inputs, the joints brake and hold.
+    active_constraints: shape (1,), number of rows and bounds that hold with equality [1].
+    slack: shape (1,), largest amount by which a soft row is not satisfied, in the unit of that row [u].
     constraint_violation: shape (1,), largest violation of joint limits [rad, rad/s] and constraints [their units]
-    before the tick and of torques [Nm] in it; 0 for none.
-    tracking_error: shape (1,), largest miss of the reference at the next tick, in tolerances of the target [1].
+    before the tick, and of torque limits [Nm] in it; 0 for none.
+    tracking_error: shape (1,), largest deviation from the reference at the next tick, in tolerances of the target [1].
     near_singular: shape (1,), 1 while the tasks of the first level are damped [1].
-    levels_solved: shape (1,), of the priority levels, the criterion included; 0 while the joints brake [1].
-    holding: shape (1,), 1 while the joints brake and hold, for whatever reason [1].
-    reached, stalled: shape (1,), 1 when the target is reached, and when it has not come nearer for a while [1].
-    reading_ok: shape (n,), 1 for a joint whose reading of this tick is good, else 0 [1].
+    levels_solved: shape (1,), number of priority levels solved, the criterion included; 0 while the joints brake [1].
+    holding: shape (1,), 1 while the joints brake and hold, for any reason [1].
+    reached, stalled: shape (1,), 1 if the target is reached, and if its distance has stopped decreasing [1].
+    reading_ok: shape (n,), 1 for a joint whose measurement of this tick is good, else 0 [1].
     stage_costs: shape (levels,), L of every level (5.16), then u'H u/2 + g'u of the criterion, in squares of
     task accelerations [m^2/s^4 or rad^2/s^4].
 
     All outputs are feedthrough of all inputs at the tick.
 
-    A mode says which tasks are followed and which constraints are kept. At a switch the commanded motion goes on: its
-    position and speed have no jump, and its acceleration changes no faster than within a mode. The references of tasks
-    that are not followed are not read; theirs start from the motion, as task_position, task_velocity and
-    task_acceleration have it. `tracking_error`, `reached`, `stalled` and the costs are of the tasks that are followed;
-    levels that a mode does not have cost 0. A criterion that remembers something starts anew.
+    A mode selects the tasks that are followed and the constraints that are kept. At a switch the commanded motion
+    continues: its position and speed do not jump, and its acceleration changes no faster than within a mode. References
+    of tasks that are not followed are ignored; for these tasks task_position, task_velocity and task_acceleration are
+    the commanded motion. `tracking_error`, `reached`, `stalled` and the costs count only the followed tasks; levels
+    that a mode does not have cost 0. A criterion with a memory starts again.
 
-    After a mode that there is none of, a reference that is not a number or beyond 1e6, or readings that stay bad for
-    longer than `longest_gap`, the joints brake together, along their path, and hold while it lasts;
-    docs/reactive_control.md has every such case.
+    The joints brake together, along their path, and hold as long as an input is bad: the number of an unknown mode, a
+    reference that is NaN or beyond 1e6, or measurements bad for longer than `longest_gap`. docs/reactive_control.md
+    lists every such case.
 
     Sampling: every `period` [s]; no delay, see `SampledBlock`: what the tick computes is put out at once and held.
 
@@ -149,19 +150,19 @@ class ReactiveController(SampledBlock):
         robot: kinematics, inertia, limits.
         tasks: in any order of priority.
         start: commanded posture before the first tick (n,) [rad]; None: the robot's default.
-        weights: of every priority level, or one for all of them.
-        criterion: of the null space.
-        constraints: further ones than joint limits, in every mode.
-        modes: by their number; the first one is that of the start. Empty: one mode, without an input for it.
+        weights: one for every priority level, or one for all of them.
+        criterion: of the null space; None: the smallest joint speeds.
+        constraints: beside joint limits, in every mode.
+        modes: in the order of their numbers; the first holds at the start. Empty: one mode, without an input for it.
         limits: of the joints; None: the robot's.
-        constraint_gamma: of constraints without their own, < 0.
+        constraint_gamma: braking acceleration of constraints without their own, < 0.
         approach: time constant with which the limits of positions and speeds are approached [s].
-        supervision: of readings and targets.
+        supervision: of joint measurements and targets.
         period: tick [s]; None: the robot's.
-        solver: of the programs: its name, or the solver.
+        solver: of the quadratic programs: its name, or the solver.
 
     Raises:
-        BadInputError: values out of range, or that contradict each other or the start posture.
+        BadInputError: values out of range, or in contradiction to each other or to the start posture.
     """
 
     port_units = dict.fromkeys(_DIAGNOSTICS, "1") | {"slack": "", "constraint_violation": "", "reading_ok": "1"}
@@ -226,7 +227,7 @@ class ReactiveController(SampledBlock):
 
     @property
     def num_rows(self) -> int:
-        """How many rows the programs have, besides the bounds of the joints; the most of all modes."""
+        """Number of rows of the programs, besides the bounds of the joints; the largest of all modes."""
         return max(mode.program.num_rows for mode in self._modes)
 
     @property
@@ -245,7 +246,7 @@ class ReactiveController(SampledBlock):
             measured.append(self.DeclareVectorInputPort("mode", 1))
         programs = [mode.program for mode in self._modes]
         sizes = [(mode.constraints.foreseen_size, mode.program.size, len(mode.criterion_start)) for mode in self._modes]
-        self._sizes = np.max(sizes, axis=0).tolist()  # of what modes remember, each as long as the longest
+        self._sizes = np.max(sizes, axis=0).tolist()  # of memories that modes share, each as long as the longest
         foreseen, costs, criterion = self._sizes
         self.port_components = {"reading_ok": "n", **cost_components([each.size for each in programs])}
         memory = {
@@ -253,7 +254,7 @@ class ReactiveController(SampledBlock):
             "joint_velocity_command": np.zeros(n),
             "joint_acceleration": np.zeros(n),
             "mode": 0.0,
-            "coordinates": task_start,  # as this tick foresees them
+            "coordinates": task_start,  # predicted for this tick
             "foreseen": np.zeros(foreseen),
             **Readings(np.full(n, np.nan), start, np.ones(n), 0.0)._asdict(),
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
@@ -272,19 +273,19 @@ class ReactiveController(SampledBlock):
         self.show(*_DIAGNOSTICS, "reading_ok", "stage_costs")
 
     def program(self, context: Context, level: int | None = None) -> MathematicalProgram:
-        """The quadratic program of one level of the last tick, with all its rows; everything in it has a name.
+        """The quadratic program of one level of the last tick, with all its rows, named for inspection.
 
-        Its solution is the u [rad/s^2] of that level, followed at level 1 by the slacks of the soft rows when these had
-        to give way; that of the last level is what the joints accelerate with. Levels below the first keep the tasks of
-        those above by rows with equality (5.18); the controller solves them in what these leave free, see
-        `PrioritizedProgram`. The program belongs to the context, and is filled anew by the next look at it.
+        Its solution is the u [rad/s^2] of that level; at level 1 the slacks of soft rows follow, if any row needed
+        slack. The u of the last level is the joint acceleration of the tick. Lower levels keep the tasks of higher ones
+        by equality rows (5.18); the controller itself solves them in the null space of these, see `PrioritizedProgram`.
+        The program belongs to the context; the next call overwrites it.
 
         Args:
             context: of this block.
             level: 1 is the first, the criterion the last; None: the last one that the tick solved.
 
         Raises:
-            BadInputError: there was no tick yet, no such level or program in it, or a number was none.
+            BadInputError: no tick so far, no such level or program in it, or numbers that are not finite.
         """
         tick = self._tick(context, self.last_tick(context))
         if tick.posed is None:
@@ -309,7 +310,7 @@ class ReactiveController(SampledBlock):
         a = state.jacobian @ u + state.bias
         rate = state.rate + Ts * a
         x = state.value + 0.5 * Ts * (state.rate + rate)
-        # Coordinates that are not followed are where they are asked to be.
+        # Coordinates that are not followed have no error.
         position, velocity = mode.asked(position, x), mode.asked(velocity, rate)
         acceleration = mode.asked(inputs.get("task_acceleration_reference", a), a)
         led, missed, costs = (x, rate, a), 0.0, np.zeros(0)
@@ -350,7 +351,7 @@ class ReactiveController(SampledBlock):
         }
 
     def _tick(self, context: Context, start: TickStart) -> Tick:
-        """A tick up to its programs."""
+        """A tick before its programs are solved."""
         memory, inputs = start
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
         readings, stops = self._look(start)
@@ -364,14 +365,14 @@ class ReactiveController(SampledBlock):
         good = not stops and asked in range(len(self._modes))
         if good:
             references = [self._modes[int(asked)].asked(each, 0.0) for each in (position, velocity)]
-            # Of a NaN every comparison is false.
+            # False where a number is NaN.
             good = all(largest(np.abs(each)) < _MAX_REFERENCE for each in references)
         if good:  # else the joints brake in the mode of the tick before
             number = int(asked)
         mode, switched = self._modes[number], number != before
         foreseen = memory["foreseen"][: mode.constraints.foreseen_size]
         criterion = memory["criterion"][: len(mode.criterion_start)]
-        if switched:  # the tick before foresaw other rows
+        if switched:  # predictions of the tick before are of other rows
             foreseen, criterion = np.full_like(foreseen, np.nan), mode.criterion_start
         rows = mode.constraints.rows(motion, foreseen)
         posed = None
@@ -383,7 +384,7 @@ class ReactiveController(SampledBlock):
         return Tick(rows, state, readings, posed, number, switched)
 
     def _look(self, start: TickStart) -> tuple[Readings, bool]:
-        """The readings of this tick, and whether they stop the motion."""
+        """The joint measurements of this tick, and whether they stop the motion."""
         memory, inputs = start
         past = Readings(*(memory[name] for name in Readings._fields))
         if "joint_position" not in inputs:

@@ -1,17 +1,18 @@
-"""Reference reset: what a trajectory generator continues from when constraints keep the motion from its reference.
+"""Reference reset: the state from which a trajectory generator continues when constraints hold back the motion.
 
-Task by task, with the deviation d = x_gen - x (angles in characteristic lengths), its direction n, L = 1 mm::
+The deviation d = x_gen - x of each task is limited (angles in characteristic lengths), with its direction n, L = 1 mm::
 
     |d| <= L,    n (x_gen' - x') <= k (L - |d|)
 
-The generator continues from its own reference; of what is beyond, the part along n is taken from position, velocity and
-acceleration. Beyond L/2 they also approach, with the time constant T, a point L ahead of the motion on the way to the
-target, and the speed that the motion has on that way: else an arm swings at the border of its workspace.
+Within these limits the generator continues from its own reference. Beyond them the excess along n is subtracted from
+position, velocity and acceleration. Beyond L/2 the state also approaches, with the time constant T, a point L ahead of
+the motion in the direction of the target, and the motion's speed in that direction. Without that an arm oscillates at
+the border of its workspace.
 
-So the reference of a motion that is blocked slides along with it or comes to rest, without a jump. A jump, as in a
-reference that starts anew, is a jump of the acceleration of the joints, at every start. L is small for the pull on the
-motion, 40 1/s times d by default, to stay within what joints can follow near a singular posture; T is long for an arm
-that slides around an obstacle to keep its speed.
+So the reference of a blocked motion slides along with it or comes to rest, without a jump. A reference that started
+again from the motion would jump, and so would the joint accelerations, at every start. L is small so that the velocity
+due to d, 40 1/s times d by default, stays within what joints can follow near a singular posture. T is long so that an
+arm that slides around an obstacle keeps its speed.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class ReferenceReset:
 
     Args:
         sizes: number of coordinates of each task.
-        scale: makes differences of coordinates comparable (k,) [1 or m/rad].
+        scale: converts differences of coordinates to lengths (k,) [1 or m/rad].
         period: tick [s].
     """
 
@@ -47,22 +48,22 @@ class ReferenceReset:
         self._begins = np.cumsum(self._sizes) - self._sizes
 
     def start(self, motion: Motion, reference: Motion, target: Vector | None) -> Motion:
-        """What the next reference starts from: `reference` itself where it is not beyond.
+        """The state from which the next reference starts: `reference` itself within the limits.
 
         Args:
-            motion: as it will be at the next tick.
-            reference: what was asked for.
-            target: of the coordinates (k,).
+            motion: commanded for the next tick.
+            reference: for the next tick.
+            target: of the coordinates (k,); None: unknown.
         """
         scale, (position, velocity, acceleration) = self._scale, reference
         way, rate = scale * (position - motion[0]), scale * (velocity - motion[1])
-        # Usually all tasks together are near enough and slow enough.
+        # The usual case: all tasks together are within the limits.
         if way @ way <= _NEAR**2 and rate @ rate <= (RATE * _NEAR) ** 2:
             return reference
         apart = np.sqrt(self._sum(way * way))
-        # |d| times the speed along n, and what it may be.
+        # |d| times the speed along n, and its limit.
         leaving, allowed = self._sum(way * rate), RATE * apart * (LENGTH - apart)
-        # Of a NaN every comparison is false.
+        # False where a number is NaN.
         if largest(apart) <= _NEAR and largest(leaving - allowed) <= 0.0:
             return reference
         apart = np.maximum(apart, _TINY)
@@ -82,19 +83,19 @@ class ReferenceReset:
         )
 
     def _ahead(self, motion: Motion, target: Vector | None) -> tuple[Vector, Vector]:
-        """The point L ahead of the motion on the way to the target, and what the motion has of speed on that way."""
+        """The point L ahead of the motion towards the target, and the speed of the motion in that direction."""
         x, rate, _ = motion
         way = np.zeros_like(x) if target is None else target - x
         left = np.sqrt(self._sum((self._scale * way) ** 2))
-        unknown = self._each(~np.isfinite(left))  # of the tasks whose target is no number
+        unknown = self._each(~np.isfinite(left))  # of tasks whose target is not finite
         way, left = np.where(unknown, 0.0, way), np.where(np.isfinite(left), np.maximum(left, _TINY), _TINY)
         onward = np.maximum(self._sum(self._scale**2 * way * rate) / left**2, 0.0)
         return x + self._each(np.minimum(LENGTH / left, 1.0)) * way, np.where(unknown, rate, self._each(onward) * way)
 
     def _sum(self, values: Vector) -> Vector:
-        """Over the coordinates of each task."""
+        """Sums over the coordinates of each task."""
         return np.add.reduceat(values, self._begins)
 
     def _each(self, values: Vector) -> Vector:
-        """A number of each task, for each of its coordinates."""
+        """Values of tasks, repeated for each of their coordinates."""
         return values.repeat(self._sizes)

@@ -1,12 +1,12 @@
-"""Leader and follower: the motion of one frame in another that moves itself::
+"""Leader and follower: the motion of one frame relative to another that moves as well::
 
     p = R_L' d,    R = R_L' R_F,    d = p_F - p_L
     V = [R_L' (w_F - w_L); R_L' (d' - w_L x d)] = J q'
     J'q' = [R_L' (a_F - a_L - w_L x w_F); R_L' (d'' - a_L x d - 2 w_L x d' + w_L x (w_L x d))]
 
-with angular velocities w, angular accelerations a and the motion of d of the two frames in the world, all without joint
-accelerations in J'q'. Everything is in the axes of the leader L, where p and R are; V is the derivative of p and R, so
-that V' = J u + J'q' is that of V.
+with the angular velocities w, angular accelerations a and the derivatives of d in the world; in J'q' all are taken
+without joint accelerations. Results are in the axes of the leader L, as p and R are. V is the velocity of p and R in
+these axes, so that V' = J u + J'q' is its derivative.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class RelativeMotion:
     """The motion of a follower's frame in a leader's, in the axes of the leader; see the module's documentation.
 
     Args:
-        leader, follower: their motions in the world, with Jacobians of the same joints.
+        leader, follower: motions of the two frames in the world, with Jacobians for the same joints.
 
     Attributes:
         position, rotation: p and R, (3,) [m] and (3, 3).
@@ -70,7 +70,7 @@ class RelativeMotion:
         w, rate = leader.velocity[:3], follower.velocity[3:] - leader.velocity[3:]
         turning = cross(w, follower.velocity[:3])
         moving = cross(w, 2.0 * rate - cross(w, self._offset))
-        # What the maps do not contain: their own derivatives.
+        # The derivatives of the maps.
         plain: Array = self._of_follower @ follower.bias - self._of_leader @ leader.bias
         plain[:3] -= leader.rotation.T @ turning
         plain[3:] -= leader.rotation.T @ moving
@@ -83,8 +83,8 @@ class RelativeTask(ArmTask):
     Args:
         leader, follower: names of two arms.
         coordinates, orientation, priority: see `ArmTask`.
-        follower_frame: whose coordinates they are, in the follower's TCP frame; None: that frame itself.
-        leader_frame: in which they are, in the leader's TCP frame; None: that frame itself.
+        follower_frame: frame with these coordinates, given in the follower's TCP frame; None: that frame itself.
+        leader_frame: frame in which they are expressed, given in the leader's TCP frame; None: that frame itself.
 
     Raises:
         BadInputError: see `ArmTask`; or leader and follower are the same arm.
@@ -116,7 +116,7 @@ class RelativeTask(ArmTask):
     def felt(
         self, tips: Mapping[str, TipPose], wrenches: Mapping[str, Array], *, of_both: bool = True
     ) -> tuple[Array, Array]:
-        """The same of the follower, in the leader's frame, see `ArmTask`."""
+        """The wrench on the follower, in the axes of the leader's frame, see `ArmTask`."""
         rotation, wrench = super().felt(tips, wrenches)
         tip = tips[self.leader]
         back = (tip if self.leader_frame is None else self.leader_frame.pose(tip)).rotation.T
@@ -130,7 +130,7 @@ class RelativeTask(ArmTask):
 
 
 class RelativePose(SampledBlock):
-    """Pose and velocity of one frame of a robot in another that moves itself, for logs and state machines.
+    """Pose and velocity of one frame of a robot relative to another that moves as well, for logs and state machines.
 
     ```
     name: RelativePose
@@ -145,12 +145,12 @@ class RelativePose(SampledBlock):
     relative_velocity: shape (6,), V in the leader's axes, [rotation; translation] [rad/s, m/s].
     All outputs are feedthrough of all inputs at the tick, and held.
 
-    Readings that are not finite hold what was put out at the last tick.
+    With inputs that are not finite the outputs keep the values of the last tick.
 
     Sampling: every `period` [s]; no delay, see `SampledBlock`.
 
     Args:
-        robot: its joints are those of the inputs.
+        robot: the inputs are its joint state.
         leader, follower: frames of its plant.
 
     Raises:

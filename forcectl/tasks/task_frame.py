@@ -1,4 +1,4 @@
-"""A frame that is fixed to another one, such as the tip of a plunger in the TCP frame of the hand that holds it::
+"""A frame that is fixed to another one, such as the tip of a plunger to the TCP frame of the hand that holds it::
 
     p = p_B + d,    R = R_B Q,    d = R_B r
     V = [w; v_B + w x d],    J'q' = [a; b_B + a x d + w x (w x d)]
@@ -22,7 +22,7 @@ from forcectl.robot.robot_motion import TipPose
 
 
 class Spatial(Protocol):
-    """A pose in motion, of a `RobotMotion` or of one frame in another; spatial vectors are [rotation; translation].
+    """Pose and motion of a frame, such as a `RobotMotion`; spatial vectors are [rotation; translation].
 
     Attributes:
         position, rotation: (3,) [m] and (3, 3).
@@ -43,14 +43,14 @@ class Spatial(Protocol):
 
 
 class TaskFrame:
-    """Where a frame is in another one that it is fixed to.
+    """Constant pose of a frame in another one.
 
     Args:
         position: r, (3,) [m].
         rotation: Q, (3, 3); None: the identity.
 
     Raises:
-        BadInputError: not three finite numbers, or no rotation.
+        BadInputError: a position that is not three finite numbers, or a matrix that is no rotation.
     """
 
     def __init__(self, position: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = None):
@@ -58,11 +58,11 @@ class TaskFrame:
         self.rotation: Array = transposed(rotation, "rotation").T
 
     def pose(self, body: TipPose) -> TipPose:
-        """The pose of the frame, of that of the body."""
+        """The pose of the frame, from that of the body."""
         return TipPose(body.position + body.rotation @ self.position, body.rotation @ self.rotation)
 
     def motion(self, body: Spatial) -> Spatial:
-        """The motion of the frame, of that of the body."""
+        """The motion of the frame, from that of the body."""
         return _FixedTo(body, self)
 
 

@@ -1,1 +1,1 @@
-"""Tasks that give way to forces: forces along their coordinates, references by modes, the motion of both."""
+"""Compliant tasks: forces along task coordinates, references by modes, and the motion that results."""

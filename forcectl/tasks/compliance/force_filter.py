@@ -1,15 +1,15 @@
-"""The forces that task coordinates give way to: a given force F_m behind a low-pass, a play and a dead band::
+"""Filter of the force F_m that a compliant task coordinate yields to: low-pass, play and dead band in series::
 
     L[k] = F_m[k] + exp(-Ts/tau) (L[k-1] - F_m[k])
     P[k] = min(max(P[k-1], L[k] - w), L[k] + w),    w = min(h, max(b, |L[k]|))
     F = sign(P) max(|P| - b, 0)
 
-with the time constant tau, the half-width h of the play and the dead band b. Where h is wider than b, it is narrower
-near zero, so that no force stays none. The low-pass begins with the first force that counts, at its value.
+with the time constant tau, the half-width h of the play and the dead band b. Where h is larger than b, the width w is
+reduced near zero, so that zero force gives F = 0. The low-pass starts at the first force that is used.
 
-Noise of L that is smaller than h does not turn the motion round; from a force that has come to rest F differs by up to
-h. A force that keeps changing one way stays at the edge of the play, whatever h is. There every peak of the noise moves
-F, and a step of F is a step of the acceleration, by 1/H. The low-pass spreads it over tau.
+Noise of L smaller than h does not reverse the motion; for a constant force F has an error of up to h. A force that
+keeps rising or falling stays at the edge of the play, for any h. There every peak of the noise moves F, and a step of F
+makes a step of the acceleration, by 1/H. The low-pass spreads that step over tau.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ import numpy as np
 from forcectl.arrays import Array, Mask
 from forcectl.estimation.momentum_observer import dead_band
 
-_LARGEST_FORCE = 1e6  # [N or Nm] a force beyond is no number
+_LARGEST_FORCE = 1e6  # [N or Nm] larger forces count as not finite
 
 
 class FilteredForces(NamedTuple):
     """Forces along k coordinates at a tick, each (k,).
 
     Attributes:
-        ok: whether the force is known, or does not count.
-        smooth: L; NaN where the force does not count or is not known [N or Nm].
+        ok: whether the force is finite, or not used.
+        smooth: L; NaN where the force is not used or not finite [N or Nm].
         kept: P, 0 there [N or Nm].
         force: F, 0 there [N or Nm].
     """
@@ -42,10 +42,10 @@ class FilteredForces(NamedTuple):
 
 
 class ForceFilter(NamedTuple):
-    """What forces along k coordinates pass.
+    """The filter of the forces along k coordinates.
 
     Attributes:
-        decay: exp(-Ts/tau) of all [1].
+        decay: exp(-Ts/tau), the same for all coordinates [1].
         hysteresis: h (k,) [N or Nm].
         dead_band: b (k,) [N or Nm].
     """
@@ -55,10 +55,10 @@ class ForceFilter(NamedTuple):
     dead_band: Array
 
     def step(self, counts: Mask, measured: Array, smooth: Array, kept: Array) -> FilteredForces:
-        """The forces of a tick.
+        """The filtered forces of a tick.
 
         Args:
-            counts: of which coordinates they are given way to (k,).
+            counts: True for coordinates that yield to their force (k,).
             measured: F_m (k,) [N or Nm].
             smooth, kept: L and P of the tick before (k,) [N or Nm].
         """
@@ -72,10 +72,10 @@ class ForceFilter(NamedTuple):
 
 
 def decay(time_constant: float, period: float) -> float:
-    """exp(-Ts/tau) of a low-pass; 0, which is no low-pass, without a time constant."""
+    """exp(-Ts/tau) of a low-pass; 0 for a time constant of 0, which is no low-pass."""
     return math.exp(-period / time_constant) if time_constant > 0.0 else 0.0
 
 
 def no_forces(size: int) -> FilteredForces:
-    """Forces along coordinates of which none complies."""
+    """The result for coordinates of which none complies."""
     return FilteredForces(np.ones(size, dtype=bool), np.full(size, np.nan), np.zeros(size), np.zeros(size))

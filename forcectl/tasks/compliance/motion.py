@@ -1,9 +1,9 @@
-"""Motion of tasks that give way to forces, mode by mode (Figs. 6.3, 6.4 and 5.3)::
+"""Motion of compliant tasks, mode by mode (Figs. 6.3, 6.4 and 5.3)::
 
     estimated wrenches -> task forces -> references (x~, x~', x~'') -> reactive controller -> joint references
                                          references <- commanded motion of the tasks (state of the controller) <-
 
-What each coordinate does in a mode stands in `forcectl.tasks.compliance.parts`.
+The references of each coordinate in a mode are configured as in `forcectl.tasks.compliance.parts`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from forcectl.tasks.reactive_motion import wire_motion
 
 
 class CompliantMotion(PythonDiagram):
-    """Reactive controller with references that follow, comply or both by its modes.
+    """Reactive controller whose references follow a generator, comply with forces, or both, by modes.
 
     ```
     name: CompliantMotion
@@ -35,27 +35,28 @@ class CompliantMotion(PythonDiagram):
     ```
 
     joint_position: shape (n,), as measured [rad]; may be left unconnected without `forces`.
-    mode: shape (1,), number of the mode from 0 on [1]. There is none where the controller has no modes.
-    estimated_wrench: see `TaskForce`. There is none without `forces`.
-    task_force, task_wrench: see `TaskForce`. There are none without `forces`. Feedthrough of joint_position and
+    mode: shape (1,), number of the mode from 0 on [1]. The port exists only if the controller has modes.
+    estimated_wrench: see `TaskForce`. The port exists only with `forces`.
+    task_force, task_wrench: see `TaskForce`. The ports exist only with `forces`. Feedthrough of joint_position and
     estimated_wrench.
     task_position_reference: shape (k,), at the next tick [m or rad]. Feedthrough of joint_position, mode and
     estimated_wrench.
-    task_position, task_velocity, task_acceleration: shape (k,), of the controller [m or rad, m/s or rad/s, m/s^2 or
-    rad/s^2]. State.
+    task_position, task_velocity, task_acceleration: shape (k,), commanded motion of the tasks [m or rad, m/s or rad/s,
+    m/s^2 or rad/s^2]. State.
     task_target, task_displacement, task_force_ok: see `CompliantReferences`. Feedthrough of joint_position, mode and
     estimated_wrench.
     The other ports: see `ReactiveController`. All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: every `period` [s] of the controller; no delay from the forces or the readings to the references.
+    Sampling: every `period` [s] of the controller; no delay from the forces or the measurements to the joint
+    references.
 
     Args:
-        controller: is built into this diagram.
-        references: of each of its modes.
-        forces: along the coordinates of its tasks; may be None where nothing complies.
+        controller: becomes a part of this diagram.
+        references: one for each of its modes.
+        forces: along the coordinates of its tasks; may be None if no coordinate complies.
 
     Raises:
-        BadInputError: another number of modes than the controller has, or something complies without forces.
+        BadInputError: another number of modes than the controller has, or a coordinate complies without forces.
     """
 
     optional_inputs = ("joint_velocity",)

@@ -1,29 +1,31 @@
-"""References of task coordinates that follow a generator, give way to forces, or both, mode by mode::
+"""References of task coordinates that follow a generator, comply with forces, or both, mode by mode::
 
     x~[k+1] = x_gen[k+1] + dx[k+1] + s[k+1]                                                            (6.9)
     H a = F - F_bar - D dv,    dx[k] = x[k] - s[k] - x_gen[k],    dv[k] = x'[k] - s'[k] - x_gen'[k]    (6.3), (6.10)*
 
-with the commanded motion x, the force F along the coordinate and a swing s. Of a coordinate that complies the generator
-goes on from its own state, the arrangement `consistent` of `forcectl.force.admittance`; of any other one from x - s.
+with the commanded motion x, its displacement dx from x_gen and s, the velocity dv of dx, the force F along the
+coordinate, the desired force F_bar and a swing s. For a coordinate that complies the generator continues from its own
+state, the arrangement `consistent` of `forcectl.force.admittance`; for any other coordinate it continues from x - s.
 
-F is what filter, play and dead band leave of the given force, see `forcectl.tasks.compliance.force_filter`.
+F is the estimated force after low-pass, play and dead band, see `forcectl.tasks.compliance.force_filter`.
 
-D may depend on another coordinate. That makes no filter faster than H/D = 20 ms, the lag of the servos: from there on H
-grows with D. A filter near H/D = Ts/2 would turn round at every tick.
+D may depend on another coordinate. This never reduces the time constant H/D below 20 ms, the lag of the servos: from
+there on H grows with D. A filter with H/D near Ts/2 would reverse its velocity at every tick.
 
-At a switch of modes every coordinate goes on with the position, velocity and acceleration that it was commanded: dx and
-s become part of x_gen. What still complies keeps dv; what begins to and has no target of its own takes as much of the
-velocity for dv as the force asks for in the steady state, v = F/D within the limits of dv.
+At a switch of modes the commanded position, velocity and acceleration of every coordinate continue: dx and s become
+part of x_gen. A coordinate that complied before keeps dv. One that begins to comply without a target of its own takes a
+part of its velocity as dv: at most the steady state for its force, v = F/D within the limits of dv.
 
-What begins to comply, or to another F_bar, is eased in, within the limits A and J of acceleration and jerk: a changes
-by up to J Ts a tick, towards v, and such that it can still end there as the filter does, in proportion::
+After a coordinate begins to comply, or F_bar changes, dv is eased in towards v, within the limits A and J of
+acceleration and jerk. Its acceleration a changes by at most J Ts per tick. It is also limited so that dv can still
+approach v exponentially in the end, as the filter does::
 
     |a| <= min(A, sqrt((l/T + h)^2 + 2 J (|v - dv| - l)) - h),    l = min(|v - dv|, J T^2),    T = H/D,    h = J Ts/2
 
-It is over once the filter asks for that acceleration, but for a tenth of J Ts.
+Easing in ends once the filter asks for the same acceleration, within a tenth of J Ts.
 
-The swing is a sine whose amplitude A + g t grows, with the envelope e that rises in the first period, so that it begins
-at rest, t after its delay::
+The swing is a sine whose amplitude A + g t grows with the time t after its delay. The envelope e rises during the first
+period, so that the swing begins at rest::
 
     s(t) = e(f t) (A + g t) sin(2 pi f t + phase),    e(u) = u^3 (10 - 15 u + 6 u^2) up to u = 1
 """
@@ -51,16 +53,16 @@ from forcectl.tasks.compliance.force_filter import ForceFilter, no_forces
 _START = ("start_position", "start_velocity", "start_acceleration")
 _REFERENCES = tuple(f"task_{name}_reference" for name in ("position", "velocity", "acceleration"))
 _ROUNDING = 1e-9
-_LAG = 0.02  # [s] of the servos
+_LAG = 0.02  # [s] lag of the servos
 
 
 class DampingTable(NamedTuple):
-    """Damping of one coordinate over the value of another.
+    """Damping of one coordinate as a function of another.
 
     Attributes:
-        row, of: their places among all coordinates.
-        at: values of the other one, ascending [m or rad]; in between the factor is linear, outside constant.
-        factor: times which the damping counts [1].
+        row, of: indices of the two coordinates among all.
+        at: values of the other coordinate, ascending [m or rad]; in between the factor is linear, outside constant.
+        factor: of the damping at these values [1].
     """
 
     row: int
@@ -73,11 +75,11 @@ class Swing(NamedTuple):
     """The swing of one coordinate; see the module's documentation.
 
     Attributes:
-        row: its place among all coordinates.
+        row: index of the coordinate among all.
         frequency: f [1/s].
         amplitude, growth: A and g [m or rad, per s].
         phase: [rad].
-        delay: from the begin of the mode on [s].
+        delay: from the begin of the mode to that of the swing [s].
     """
 
     row: int
@@ -101,21 +103,21 @@ class Swing(NamedTuple):
 
 
 class ModeReferences(NamedTuple):
-    """What the k coordinates of all tasks do in a mode, each (k,); from `forcectl.tasks.compliance.parts`.
+    """References of the k coordinates of all tasks in a mode, each (k,); from `forcectl.tasks.compliance.parts`.
 
     Attributes:
-        followed: False in the coordinates of tasks that the mode does not follow.
-        position: where they go [m or rad]; NaN for none.
-        by: how far from where the mode began [m or rad]; NaN for none.
-        velocity: that they take on [m/s or rad/s]; 0 for none.
-        stays: that come to rest and stay there.
-        comply: that give way to the force.
-        force: F_bar [N or Nm].
+        followed: False for coordinates of tasks that the mode does not follow.
+        position: target positions [m or rad]; NaN for none.
+        by: target displacements from the begin of the mode [m or rad]; NaN for none.
+        velocity: target velocities [m/s or rad/s]; 0 for none.
+        stays: True for coordinates that come to rest and stay there.
+        comply: True for coordinates that comply with the force.
+        force: desired force F_bar [N or Nm].
         slowest, fastest: limits of dv [m/s or rad/s].
         inertia, damping: H and D [kg or kg m^2/rad, N s/m or Nms/rad].
-        filter: that forces pass.
-        tables: of the damping.
-        swings: of the coordinates that swing.
+        filter: of the forces.
+        tables: of dampings that depend on another coordinate.
+        swings: of the coordinates that have one.
         limits: of the generator.
     """
 
@@ -136,7 +138,7 @@ class ModeReferences(NamedTuple):
     limits: Limits
 
     def admittance_at(self, position: Array) -> tuple[Array, Array]:
-        """H and D at a position of all coordinates."""
+        """H and D at the position (k,) of the coordinates."""
         if not self.tables:
             return self.inertia, self.damping
         inertia, damping = self.inertia.copy(), self.damping.copy()
@@ -148,7 +150,7 @@ class ModeReferences(NamedTuple):
 
 
 def eased_acceleration(missing: Array, time: Array, limits: Limits, period: float) -> Array:
-    """Largest acceleration of what is eased in, towards v; see the module's documentation [u/s^2].
+    """Largest acceleration towards v of coordinates that are eased in; see the module's documentation [u/s^2].
 
     Args:
         missing: v - dv [u/s].
@@ -163,7 +165,7 @@ def eased_acceleration(missing: Array, time: Array, limits: Limits, period: floa
 
 
 class CompliantReferences(SampledBlock):
-    """References of the task coordinates by modes, for a controller that hands back what it commanded.
+    """References of the task coordinates by modes, for a controller that returns its commanded motion.
 
     ```
     name: CompliantReferences
@@ -174,31 +176,32 @@ class CompliantReferences(SampledBlock):
 
     Units u per coordinate: [m] or [rad].
 
-    start_position, start_velocity, start_acceleration: shape (k,), the commanded motion x, x', x'' that the references
-    go on from [u, u/s, u/s^2]: task_position, task_velocity and task_acceleration of a `ReactiveController`.
-    task_force: shape (k,), F along the coordinates [N or Nm]. There is none where no coordinate complies in any mode.
-    mode: shape (1,), number of the mode from 0 on [1]. One that there is none of keeps the last; 0 when not connected.
+    start_position, start_velocity, start_acceleration: shape (k,), the commanded motion x, x', x'' from which the
+    references continue [u, u/s, u/s^2]: task_position, task_velocity and task_acceleration of a `ReactiveController`.
+    task_force: shape (k,), estimated forces along the coordinates [N or Nm]. The port exists only if a coordinate
+    complies in some mode.
+    mode: shape (1,), number of the mode from 0 on [1]. An unknown number keeps the last mode; 0 when not connected.
     task_position_reference, task_velocity_reference, task_acceleration_reference: shape (k,), x~ at the next tick [u,
     u/s, u/s^2].
-    task_target: shape (k,), where the coordinates go to, and what they give way on it [u]; where they have no target or
-    swing, the commanded motion.
+    task_target: shape (k,), targets of the coordinates, plus dx where they comply [u]; the commanded position for
+    coordinates without a target or with a swing.
     task_displacement: shape (k,), dx at the next tick [u], since the mode began; 0 where nothing complies.
-    task_force_ok: shape (k,), 0 in coordinates that comply to a force that is not a number, else 1 [1].
+    task_force_ok: shape (k,), 0 for coordinates that comply with a force that is not finite, else 1 [1].
     All outputs are feedthrough of all inputs at the tick, and held.
 
-    A coordinate that complies to a force that is not a number, or beyond 1e6, comes to rest until it is one again: with
-    no force along it, its generator stops, and a swing begins anew after it. Velocities of dv beyond their limits are
-    brought back with the acceleration limit. References of tasks that are not followed are the commanded motion.
+    A force is bad if it is not finite or beyond 1e6. A coordinate that complies with a bad force comes to rest until
+    the force is good again: F is 0, its generator stops, and a swing starts again afterwards. Where dv exceeds its
+    limits, it returns with the acceleration limit. References of tasks that are not followed are the commanded motion.
 
     Sampling: every `period` [s]; no delay from the force to the reference, see `SampledBlock`.
 
     Args:
-        modes: by their number; the first one is that of the start.
-        groups: how many coordinates each task has; those of a task are planned together.
+        modes: in the order of their numbers; the first holds at the start.
+        groups: number of coordinates of each task; those of a task are planned together.
         initial_position: of the coordinates, (k,) [u].
 
     Raises:
-        BadInputError: no mode, or groups that do not add up.
+        BadInputError: no mode, or groups whose sum is not the number of coordinates.
     """
 
     optional_inputs = ("mode",)
@@ -227,7 +230,7 @@ class CompliantReferences(SampledBlock):
         def planners() -> list[Planner]:
             return [Planner(limits, groups=sizes) for limits in every]
 
-        planners()  # refuses groups that do not add up
+        planners()  # checks the groups
         self._planners = scratch(self, "planners", planners)
         names = [*_START, *["task_force"] * self.complies]
         inputs = [self.DeclareVectorInputPort(name, k) for name in names]
@@ -236,13 +239,13 @@ class CompliantReferences(SampledBlock):
         none = np.zeros(k)
         memory = {
             "mode": -1.0,
-            "ticks": none,  # since the mode began, or the force along a coordinate was a number again
+            "ticks": none,  # since the mode began, or since the force along a coordinate is good again
             "trajectory": begin(start)[:].ravel(),
             "swing": np.zeros(3 * k),
-            "smooth": np.full(k, np.nan),  # forces that coordinates comply to behind the low-pass; NaN for none
-            "force": none,  # the same behind the play as well
-            "eased": none,  # 1 in coordinates that are eased in
-            "goal": np.full(k, np.nan),  # where the generator goes to; NaN where it takes on a velocity
+            "smooth": np.full(k, np.nan),  # forces on compliant coordinates after the low-pass; NaN for none
+            "force": none,  # these forces after the play
+            "eased": none,  # 1 for coordinates that are eased in
+            "goal": np.full(k, np.nan),  # target position of the generator; NaN where its target is a velocity
             **dict(zip(_REFERENCES, (start, none, none), strict=True)),
             "task_target": start,
             "task_displacement": none,
@@ -279,7 +282,7 @@ class CompliantReferences(SampledBlock):
         else:
             ticks, goal = memory["ticks"] + 1.0, memory["goal"]
             start = np.where(mode.comply, own, commanded - swing)
-        if not smallest(ok):  # swings end, to begin anew
+        if not smallest(ok):  # swings end, to start again later
             start = np.where(ok, start, start + swing)
             swing, ticks = np.where(ok, swing, 0.0), np.where(ok, ticks, -1.0)
 
@@ -290,7 +293,7 @@ class CompliantReferences(SampledBlock):
             dx, after, eased = self._filtered(mode, commanded[0], given, pushed, eased)
 
         free, wanted = np.isnan(goal) | ~ok, np.where(ok, mode.velocity, 0.0)
-        # Ruckig comes back to a velocity limit by way of standstill: that speed is taken on first.
+        # Above a velocity limit Ruckig would go to rest first: that limit is the first target.
         fast = ~free & (np.abs(start[1]) > mode.limits.velocity * (1.0 + _ROUNDING))
         if largest(fast):
             wanted = np.where(fast, np.copysign(mode.limits.velocity, start[1]), wanted)
@@ -298,13 +301,13 @@ class CompliantReferences(SampledBlock):
         target = Target(np.where(in_velocity, 0.0, goal), wanted, in_velocity.astype(float))
         every = smallest(mode.followed)
         if not every:
-            start[:, ~mode.followed] = np.nan  # goes on by itself
+            start[:, ~mode.followed] = np.nan  # the generator continues from its own state
         planner: Planner = self._planners.Eval(context)[number]
         state = planner.follow(state, target, Ts, Motion(*start))
         reference = state[:3].copy()
         rest = mode.stays & free & ok
         if largest(rest):
-            still = np.logical_and.reduceat((state.arrived > 0.5) | ~rest, self._begins)  # they stop together
+            still = np.logical_and.reduceat((state.arrived > 0.5) | ~rest, self._begins)  # tasks stop as a whole
             goal = np.where(rest & still.repeat(self._sizes), reference[0], goal)
         reference += (dx, after, (after - dv) / Ts)
         aims = np.where(np.isnan(goal) | mode.stays & mode.comply, commanded[0], goal + np.where(mode.comply, dx, 0.0))
@@ -334,13 +337,13 @@ class CompliantReferences(SampledBlock):
 
     @staticmethod
     def _taken_over(mode: ModeReferences, complied: Mask, commanded: Array, own: Array, pushed: Array) -> Array:
-        """The motion (3, k) that the generator goes on from at a switch of modes; the rest of the speed is dv.
+        """The motion (3, k) from which the generator continues at a switch of modes; the rest of the velocity is dv.
 
         Args:
-            complied: that comply, and did in the mode before.
+            complied: True for coordinates that comply, and did so in the mode before.
             commanded: motion of the coordinates (3, k).
-            own: that of generator and swing (3, k).
-            pushed: what is given way to (k,).
+            own: motion of generator and swing (3, k).
+            pushed: F - F_bar (k,).
         """
         start = commanded.copy()
         start[1:, complied] = own[1:, complied]
@@ -352,10 +355,10 @@ class CompliantReferences(SampledBlock):
     def _filtered(
         self, mode: ModeReferences, position: Array, given: Array, force: Array, eased: Mask
     ) -> tuple[Array, Array, Mask]:
-        """dx and dv after the tick, with dv within its limits, and what is still eased in.
+        """dx and dv after the tick, with dv within its limits, and which coordinates are still eased in.
 
         Args:
-            given: dx, dv and its acceleration (3, k).
+            given: dx, dv and the acceleration of dv, before the tick (3, k).
         """
         Ts, most, (dx, dv, last) = self._period, self._period * mode.limits.acceleration, given
         inertia, damping = mode.admittance_at(position)

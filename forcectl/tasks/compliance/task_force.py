@@ -1,10 +1,10 @@
-"""The force along task coordinates: what admittance control and guards of a task read, of estimated wrenches.
+"""Force along task coordinates, from estimated wrenches, for admittance control and guards of state machines.
 
     F = J_x^T W,    V = J_x x'
 
-with the wrench W at the origin of the task's frame and its velocity V: the generalized force F has the power of W in
-every motion of the coordinates. Along positions it is the force, along angles the torque about the axes that they turn
-about.
+with the wrench W at the origin of the task's frame and the velocity V of that frame. In every motion of the coordinates
+the generalized force F has the same power as W. Along positions it is the force, along angles the torque about the axes
+of their rotations.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from forcectl.tasks.coordinates import ArmTask
 
 
 class TaskForce(PythonBlock):
-    """Force of the environment on the follower along its task coordinates, of the estimated wrenches of all arms.
+    """Force of the environment on the follower along its task coordinates, from the estimated wrenches of all arms.
 
     ```
     name: TaskForce
@@ -35,25 +35,25 @@ class TaskForce(PythonBlock):
 
     estimated_wrench: shape (6a,), of the environment on each arm at its TCP in the world, [torque; force] [Nm, N].
     joint_position: shape (n,) [rad].
-    task_force: shape (k,), along the coordinates of all tasks one after the other, positive where it pushes towards
-    larger values [N or Nm].
-    task_wrench: shape (6t,), of each of t tasks, [torque; force] [Nm, N]. It is at the origin of
-    the frame that the coordinates are of, and in the axes that they are in: of an `ArmTask` the world, of a
-    `RelativeTask` the leader's frame.
+    task_force: shape (k,), along the coordinates of all tasks one after the other, positive towards larger values
+    [N or Nm].
+    task_wrench: shape (6t,), of each of t tasks, [torque; force] [Nm, N]. Its reference point is the origin of the task
+    frame. Its axes are those of the coordinates: for an `ArmTask` the world's, for a `RelativeTask` the leader frame's.
     All outputs are feedthrough of all inputs.
 
-    Of a `RelativeTask` it is the mean of what follower and leader feel, see `forcectl.estimation.wrench_between`.
-    Readings that are not finite give NaN: a wrench in the tasks of its arm, a joint position in all.
+    For a `RelativeTask` the wrench is the mean of the estimates of follower and leader, see
+    `forcectl.estimation.wrench_between`. Inputs that are not finite give NaN: a wrench in the tasks of its arm, a joint
+    position in all.
 
     Sampling: none; evaluated when read.
 
     Args:
         robot: with the arms of the tasks.
         tasks: in the order of the coordinates.
-        of_both: whether it is that mean; else what the follower feels.
+        of_both: whether wrenches of relative tasks are that mean; False: the estimate of the follower only.
 
     Raises:
-        BadInputError: no task, or a task of an arm that there is not.
+        BadInputError: no task, or a task of an unknown arm.
     """
 
     port_units = {"task_force": "", "task_wrench": "Nm,N"}

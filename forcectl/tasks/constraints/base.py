@@ -1,23 +1,24 @@
 """Constraints of a robot that is commanded in joint accelerations u, as rows E u <= f, by invariance.
 
-A constraint is an output y <= 0 of relative degree r, and a row that says how u changes its r-th derivative::
+A constraint is an output y <= 0 of relative degree r, with a row that gives the effect of u on its r-th derivative::
 
     r = 0    y   = row u + bias       (torque)             row u <= -bias
     r = 1    y'  = row u + bias       (speed)              row u <= -y/Ts - bias
     r = 2    y'' = row u + bias       (position)           row u <= a(y, y') - bias
 
 with a(y, y') the largest acceleration after which y <= 0 can still be kept with braking at gamma < 0, one tick ahead
-(`one_step_acceleration`). It is a row at every state: there is no active set to be found first. A row that is violated
-asks for the way back within `|gamma|` (3.57).
+(`one_step_acceleration`). It is a row at every state, so no active set has to be found first. A violated constraint
+returns to y <= 0 with accelerations within `|gamma|` (3.57).
 
-With a time constant T > Ts that is not left to the last tick: for y <= 0 the rows are also within those of r = 1 with T
-in place of Ts, and of r = 2 with `gradual_acceleration`, and `JointBounds.gradual` bounds how fast u changes.
+With a time constant T > Ts the constraint does not act only in the last tick. For y <= 0 the rows then also keep the
+limits of r = 1 with T in place of Ts, and of r = 2 with `gradual_acceleration`; `JointBounds.gradual` limits how fast u
+changes.
 
 Between ticks u is held, and y'' changes with the posture by at most `|y'''| Ts`. So a constraint whose rows were kept
-is violated by at most `2/3 |y'''| Ts^3` (r = 2: 1/6 in the tick, 1/2 by the speed it leaves to the next) or `|y''|
-Ts^2/2` (r = 1): nothing for joint positions and speeds, which are integrated exactly. For a coordinate of the tool
+is violated by at most `2/3 |y'''| Ts^3` (r = 2: 1/6 within the tick, 1/2 by the speed left for the next) or `|y''|
+Ts^2/2` (r = 1). For joint positions and speeds it is 0, as they are integrated exactly. For a coordinate of the tool
 `|y'''|` <= L (S^3 + 3 S A), with the reach L and the sums S, A of joint speeds and accelerations; about a micrometre at
-1 m/s and 2 ms. It does not add up: the next tick takes into account what the last one missed, and may brake harder than
+1 m/s and 2 ms. Violations do not add up: the next tick corrects the error of the last one, and may brake harder than
 gamma, up to twice.
 """
 
@@ -41,15 +42,15 @@ from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.joint_bounds import JointBounds, bounded_acceleration
 from forcectl.tasks.constraints.row_names import row_names, with_rows_at
 
-_AT_REST = 1e-9  # [s] of full acceleration: what is left of speeds that braking has ended
+_AT_REST = 1e-9  # [s] of full acceleration: smaller speeds count as rest
 
-# What one evaluation gives: y, y' (read if r = 2 only), row, bias. Floats and a row of shape (n,), or k of each.
+# Result of an evaluation: y, y' (used for r = 2 only), row, bias. Floats and a row of shape (n,), or k of each.
 Evaluation = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 
 
 @runtime_checkable
 class Constraint(Protocol):
-    """What a constraint has to offer, forcectl's or a user's own.
+    """Interface of a constraint, forcectl's or a user's own.
 
     ::
 
@@ -60,15 +61,15 @@ class Constraint(Protocol):
                 z, dz = motion.position[2], motion.velocity[5]
                 return self.height - z, -dz, -motion.jacobian[5], -motion.bias[5]
 
-    An attribute `gamma` (< 0, in units of y'') replaces the controller's default. An attribute `slack_weight` (> 0, see
-    `QuadraticProgram`) makes the rows soft in controllers of several arms: they give way before the others. `margin`
-    (>= 0, in units of y) is kept beside a constraint of relative degree 2, for what a tick misses. `rows_change`, if it
-    is true, says that a row may stand for something else at the next tick. `reads_force`, if it is true, asks a
-    controller of several arms for a measured force: `motion.forces[constraint]` [N], along its
-    attribute `task`; it must be hashable.
-    `companions` are further constraints that belong to it. `label`, and `row_names` of a constraint of several rows,
-    are its names in the program of a controller: "wall 1"; else they are made of the name of its class and numbers.
-    `rows_at(motion)` says of each row that changes what it stands for at this motion; only that program asks for it.
+    Optional attributes: `gamma` (< 0, in units of y'') replaces the controller's default. `slack_weight` (> 0, see
+    `QuadraticProgram`) makes the rows soft in controllers of several arms: they are relaxed before the hard ones.
+    `margin` (>= 0, in units of y) is an extra distance to a constraint of relative degree 2, for the error of a tick.
+    `rows_change`, if true: a row may belong to something else at the next tick. `reads_force`, if true: a controller of
+    several arms provides a measured force as `motion.forces[constraint]` [N], along the attribute `task` of the
+    constraint, which must be hashable. `companions` are further constraints that belong to it. `label`, and `row_names`
+    of a constraint of several rows, are its names in the program of a controller: "wall 1"; without them names are made
+    from the class and numbers. `rows_at(motion)` returns, for each row that changes, what it belongs to at this motion;
+    only that program uses it.
     """
 
     relative_degree: int
@@ -78,14 +79,14 @@ class Constraint(Protocol):
 
 
 class CartesianWall:
-    """A plane the tool centre point stays in front of.
+    """The tool centre point stays in front of a plane.
 
         y = -normal' (p - point) [m]
 
     Args:
         point: on the plane, (3,) [m].
         normal: towards the free side, (3,).
-        gamma: [m/s^2], < 0; None: the default.
+        gamma: braking acceleration [m/s^2], < 0; None: the controller's.
     """
 
     relative_degree = 2
@@ -104,24 +105,24 @@ class CartesianWall:
 
 
 class ForceLimit:
-    """The contact force stays below a maximum, by the model and by the sensor, whichever is nearer.
+    """The contact force stays below a maximum, by model and by sensor: the one nearer to the maximum counts.
 
         y = max(-dx_bar - C_T_hat F_max, C_T_hat (F - F_max)/2 + sensor_lag_lead) [m]
 
-    `sensor_lag_lead` is what the measured force F does not show yet, see `SensorLag`; 0 where the sensor is not known:
-    then F is kept, and the true force goes beyond while F lags. Half of the compliance, so that a model with up to
-    twice the compliance does not count on a longer way to stop: more than half of F_max is approached as fast as F
-    shows it.
+    `sensor_lag_lead` is the displacement that F does not show yet because the sensor lags, see `SensorLag`. It is 0 for
+    an unknown sensor: then the measured force F stays below F_max, and the true force exceeds it while F lags. Half of
+    the compliance is used, so that a model with up to twice the true compliance does not assume a longer stopping
+    distance. Therefore more than half of F_max is approached only as fast as F shows it.
 
-    Reached behind a sensor of 12.6 rad/s with the compliance of the model 0.5 to 2 times the true one, true force:
-    pressing on a flat surface within 0.01 N + 0.1 % of F_max, on stiff contact with up to 0.8 N of 8 N less where
-    friction lets joints stick and jump. A surface that the path does not follow: 5 mm/s towards the tool at 1e5 N/m up
-    to 46 N where 30 are allowed, above them for up to 1 s; 1 mm/s up to 35 N. Contact is kept. It is no guarantee
-    against impact.
+    True forces that were reached, with a sensor of 12.6 rad/s and 0.5 to 2 times the true compliance in the model:
+    pressing on a flat surface, F_max within 0.01 N + 0.1 %; on stiff contact up to 0.8 N of 8 N less, where friction
+    makes the joints stick and slip. With a surface that the path does not follow: at 5 mm/s towards the tool and
+    1e5 N/m up to 46 N instead of 30 N, above 30 N for up to 1 s; at 1 mm/s up to 35 N. Contact is kept. There is no
+    guarantee for impacts.
 
     Args:
         maximum: F_max [N], > 0.
-        gamma: [m/s^2], < 0; None: the controller's.
+        gamma: braking acceleration [m/s^2], < 0; None: the controller's.
     """
 
     relative_degree = 2
@@ -169,17 +170,17 @@ class JointTorqueLimit:
         return np.concatenate([M, -M]), self._twice - np.concatenate([h, -h])
 
     def names(self, joints: Sequence[str]) -> list[str]:
-        """Names of the rows, of the names of all joints."""
+        """Names of the rows, from the names of all joints."""
         limited = [joint for joint, limit in zip(joints, self._limit, strict=True) if np.isfinite(limit)]
         return [f"{self.label} {side} {joint}" for side in ("upper", "lower") for joint in limited]
 
     def excess(self, motion: RobotMotion, u: Vector) -> float:
-        """By how much the torque of u is above its limit [Nm]; <= 0 when none is. Half of the cost of the rows."""
+        """Largest excess of the torque of u over its limit [Nm]; <= 0 if none. Costs half the time of the rows."""
         return float(largest(np.abs(motion.torque(u)) - self._limit))
 
 
 def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
-    """Joint limits that a controller can keep: every acceleration finite, 20 rad/s^2 where the robot names none.
+    """Joint limits that a controller can keep: every acceleration finite, 20 rad/s^2 where the robot has no limit.
 
     Raises:
         BadInputError: limits that contradict each other or the start posture.
@@ -207,14 +208,14 @@ def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
 
 
 class Rows(NamedTuple):
-    """What the constraints ask for at one tick: E u <= f, lower <= u <= upper.
+    """The constraints on u at one tick: E u <= f, lower <= u <= upper.
 
     Attributes:
         matrix: E, (m, n).
         limit: f, (m,).
-        direct: how many rows, at the beginning, are of relative degree 0.
+        direct: number of rows of relative degree 0, which are the first ones.
         lower, upper: (n,) [rad/s^2].
-        violation: the largest y above zero, of relative degree 1 and 2.
+        violation: largest y > 0 of relative degree 1 and 2, or violation of a joint limit; 0 for none.
         rate, bias: y', and y'' at u = 0, of the rows of relative degree 2, which are the last ones.
     """
 
@@ -239,8 +240,8 @@ class ConstraintSet:
         start: motion to try the constraints on.
         period: tick Ts [s].
         gamma: of constraints without their own, < 0.
-        approach: time constant T with which limits are approached, see this module [s]; 0: a tick.
-        from_start: whether they are kept from the start on, and so must hold there.
+        approach: time constant T with which limits are approached, see this module [s]; 0: one tick.
+        from_start: whether the constraints are kept from the start on, and so must hold there.
 
     Raises:
         BadInputError: a constraint that does not keep to the protocol or is violated at the start.
@@ -272,7 +273,7 @@ class ConstraintSet:
         self._parts = [(c, slice(end - rows, end)) for (c, rows, _), end in zip(found, ends, strict=True)]
         each = [(c, own) for c, rows, own in found for _ in range(rows)]
         self.size = len(each)
-        # What slack costs, of every row; infinite for hard ones.
+        # Weight of the slack of every row; infinite for hard ones.
         self.slack_weights = np.array([_slack_weight(c) for c, _ in each])
         degrees = [c.relative_degree for c, _ in each]
         self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
@@ -283,21 +284,21 @@ class ConstraintSet:
         self._steady = [not getattr(c, "rows_change", False) for c, _ in each][self._second :]
 
     def names_at(self, motion: RobotMotion) -> list[str]:
-        """Names of the rows, with what those that change stand for at this motion."""
+        """Names of the rows; those that change have what they belong to at this motion."""
         return with_rows_at(self.row_names, self._parts, motion)
 
     def rows(self, motion: RobotMotion, foreseen: Vector) -> Rows:
-        """The rows and bounds at this tick; those of a constraint that raises are not a number.
+        """The rows and bounds at this tick; rows of a constraint that raises an error are NaN.
 
         Args:
-            foreseen: y' at this tick as the tick before foresaw it, see `foresee`.
+            foreseen: y' of this tick as predicted in the tick before, see `foresee`.
         """
         m, n, first, second = self.size, self._n, self._first, self._second
         matrix, values = np.empty((m, n)), np.empty((3, m))
         for constraint, place in self._parts:
             try:
                 values[0, place], values[1, place], matrix[place], values[2, place] = constraint.evaluate(motion)
-            except Exception:  # a user's constraint: whatever it raises, the tick goes on
+            except Exception:  # whatever a user's constraint raises, the tick continues
                 values[:, place] = np.nan
         y, rate, bias = values
         limit = -bias
@@ -311,19 +312,19 @@ class ConstraintSet:
         lower, upper, violation = self.joints.at(motion.q, motion.v)
         if m > first:
             worst = largest(y[first:])
-            if worst != worst:  # a constraint that is no number hides no other
+            if worst != worst:  # NaN of one constraint does not hide the violation of another
                 worst = max((value for value in y[first:].tolist() if value == value), default=0.0)
             violation = max(violation, worst)
         return Rows(matrix, limit, first, lower, upper, violation, rate[second:], bias[second:])
 
     def foresee(self, rows: Rows, u: Vector) -> Vector:
-        """y' at the next tick, of the rows of relative degree 2, as far as it is known in this one."""
+        """Prediction of y' at the next tick, of the rows of relative degree 2."""
         if not self.foreseen_size:
             return rows.rate
         return rows.rate + self._period * (rows.matrix[self._second :].dot(u) + rows.bias)
 
     def _bound(self, y: float, rate: float, foreseen: float, gamma: float, margin: float, steady: bool) -> float:
-        """The bound of row u + bias: that of y'' minus what the tick before missed of it, within gamma."""
+        """The bound of row u + bias: that of y'' minus the prediction error of the last tick, limited to gamma."""
         bound = bounded_acceleration(y + margin, rate, gamma, self._period, self._approach)
         missed = (rate - foreseen) / self._period
         return bound - max(min(missed, -gamma), gamma) if steady and missed == missed else bound
@@ -331,8 +332,9 @@ class ConstraintSet:
     def brake(self, v: Vector, rows: Rows, last: Vector | None = None) -> Vector:
         """u that brings all joints to rest together, the slowest with half of its acceleration limit (n,) [rad/s^2].
 
-        The path is kept; only where it would pass a position limit a joint brakes by itself. With a time constant T
-        braking begins and ends gradually, see `JointBounds.gradual`; while it begins, each joint is on its own.
+        The joints stay on their path, except that a joint brakes by itself if the path would pass its position limit.
+        With a time constant T braking begins and ends gradually, see `JointBounds.gradual`; while it begins, each joint
+        brakes by itself.
 
         Args:
             v: joint speeds [rad/s].
@@ -342,7 +344,7 @@ class ConstraintSet:
         bounds = None if last is None else self.joints.gradual(rows.lower, rows.upper, last)
         lower, upper = bounds or (rows.lower, rows.upper)
         Ts, left = self._period, (np.abs(v) / self._acceleration).max().item()  # [s] of full acceleration
-        # The share of the limits is to what is left as a speed to the way to go, with braking at 1/T.
+        # `share` is to `left` as a speed to its stopping distance, with a deceleration of 1/T.
         share = Ts * one_step_acceleration(-left, 0.0, -1.0 / self._slowing, math.inf, Ts, SCALAR_MATH)
         time = left / min(share, 0.5) if left > _AT_REST else Ts
         return np.minimum(np.maximum(v / -time, lower), upper)

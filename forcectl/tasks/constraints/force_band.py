@@ -1,18 +1,20 @@
-"""A contact force kept in a band by the motion that makes it: (6.16)-(6.21)*.
+"""A contact force kept between two limits by the acceleration of the tool: (6.16)-(6.21)*.
 
-The contact is a spring of a stiffness K between K_min and K_max, and x_c the coordinate that compresses it::
+The contact is a spring of a stiffness K between K_min and K_max, compressed by the coordinate x_c::
 
     F = -K (x_c - x_0),    F' = -K x_c',    F'' = -K x_c''                                         (6.16), (6.17)*
     F_min <= F <= F_max,   kept with accelerations of x_c within +-gamma_x
 
-The states that may come next are a polytope: its corners are those of the stiffness, the same in both rows of (6.17)*,
-and of the errors of F, x_c' and of the model. They must stay in the sets that braking at gamma_F = K_min gamma_x never
-leaves; every stiffness can brake like that. Divided by K, a corner is an output of relative degree 2::
+The possible next states are a polytope. Its corners are the extremes of the stiffness, the same in both rows of
+(6.17)*, and of the errors of F, x_c' and the model. They must stay in the sets that are invariant with braking at
+gamma_F = K_min gamma_x, which is possible with every stiffness. Divided by K, a corner is an output of relative degree
+2::
 
     y = (F - F_max)/K,   y' = -x_c',   y'' = -x_c'',   braking at gamma_x K_min/K,       and F_min - F likewise
 
-so that `RobustBound` gives the largest y'' of each. Of the two stiffnesses the smaller bound counts. Where (6.21)* asks
-for +-gamma_x once a corner is outside, this asks for as much as keeps all corners inside: there is no limit cycle.
+so that `RobustBound` gives the largest y'' of each. Of the two stiffnesses the smaller bound counts. (6.21)* uses
++-gamma_x once a corner is outside. This law uses the acceleration that just keeps all corners inside, which avoids a
+limit cycle.
 """
 
 from __future__ import annotations
@@ -33,19 +35,19 @@ from forcectl.tasks.coordinates import ArmTask
 class ForceBand:
     """The measured force along a task coordinate stays in a band; for controllers with the input `measured_force`.
 
-    The force is that on the tool towards larger values of the coordinate: pressing, towards smaller ones, it is
-    positive. Without contact the arm approaches until there is, at (2 gamma_x F_min/K_max)^(1/2) at most. A force that
-    is outside of the band is brought back with accelerations within gamma_x. Where both limits cannot be kept F_max is.
+    The force on the tool counts positive towards larger values of the coordinate, so it is positive when the tool
+    presses towards smaller ones. Without contact the arm approaches at (2 gamma_x F_min/K_max)^(1/2) at most. A force
+    outside of the band returns with accelerations within gamma_x. If both limits cannot be kept, F_max is kept.
 
-    A surface that moves counts as an error of the speed.
+    The speed of a moving surface must be included in the measurement error of the speed.
 
     Args:
         task: of one coordinate x_c, in metres.
         force: F_min and F_max, >= 0 [N].
         stiffness: K_min and K_max of the contact, tool and arm together, > 0 [N/m].
         braking: gamma_x, > 0 [m/s^2].
-        measurement_error: largest, of F [N] and of x_c' [m/s].
-        model_error: what F [N] and x_c' [m/s] are off after a tick, beside what the model says.
+        measurement_error: largest errors of F [N] and of x_c' [m/s].
+        model_error: largest prediction errors of F [N] and x_c' [m/s] after a tick.
         slack_weight: see `Constraint`; None: hard.
         period: tick Ts [s].
 

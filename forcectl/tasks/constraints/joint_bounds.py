@@ -1,7 +1,7 @@
-"""Limits of joint positions and speeds as bounds of the joint accelerations u, by invariance; see `constraints`.
+"""Limits of joint positions and speeds as bounds of the joint accelerations u, by invariance; see `constraints.base`.
 
-Positions (r = 2) are kept with half of the acceleration limit, so that braking and the way back are always possible;
-then there are speeds (r = 1) and accelerations (r = 0).
+Positions (r = 2) are kept with half of the acceleration limit, so that braking and the return from a violation are
+always possible. Bounds for speeds (r = 1) and accelerations (r = 0) follow.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from forcectl.framework.batch import SCALAR_MATH, SMALL_BATCH
 from forcectl.framework.kernels import largest, smallest
 from forcectl.robot.model import JointLimits
 
-_GRADUAL = 0.9  # of the braking, that it may begin and end gradually
-_NEAR = 0.05  # [rad] to a limit: as near a joint begins to count as unable to move
+_GRADUAL = 0.9  # share of the braking in the speed profile; the rest lets braking begin and end gradually
+_NEAR = 0.05  # [rad] distance to a position limit below which a joint counts as less able to move
 
 
 def bounded_acceleration(y: float, rate: float, gamma: float, period: float, approach: float = 0.0) -> float:
-    """The bound a(y, y') of y'' for constraints of relative degree 2, without a limit on how fast they are approached.
+    """The bound a(y, y') of y'' for constraints of relative degree 2, without a limit of the approach speed.
 
     Args:
         y: constraint output.
@@ -31,18 +31,18 @@ def bounded_acceleration(y: float, rate: float, gamma: float, period: float, app
         approach: time constant T of `gradual_acceleration` [s]; 0: braking begins and ends within a tick.
 
     Returns:
-        at least gamma where the constraint holds and can be kept with gamma; down to 2 gamma where it could not, which
-        is what the curvature of one tick leaves; within +-gamma where it is violated. No bound, infinity, for a y of
-        minus infinity; NaN for what is no number.
+        at least gamma where the constraint holds and can be kept with gamma; down to 2 gamma where it cannot, which
+        happens by the curvature of one tick; within +-gamma where it is violated. Infinity, no bound, for a y of minus
+        infinity; NaN for arguments that are not finite.
     """
-    if not math.isfinite(y + rate):  # comparisons would make some number of it
+    if not math.isfinite(y + rate):  # comparisons below would give a finite bound
         return math.inf if y == -math.inf and math.isfinite(rate) else math.nan
     bound: float = one_step_acceleration(y, rate, gamma, -gamma if y > 0.0 else math.inf, period, SCALAR_MATH)
     if y > 0.0:
         return bound
     if bound > gamma:
         return min(bound, max(gradual_acceleration(y, rate, gamma, approach), gamma)) if approach > 0.0 else bound
-    # The larger root a of Phi(y + Ts y' + Ts^2 a/2, y' + Ts a) = 0: braking that is late by what a tick has left.
+    # The larger root a of Phi(y + Ts y' + Ts^2 a/2, y' + Ts a) = 0: braking that starts late by a part of a tick.
     half = rate / period - 0.5 * gamma
     square = half * half - (rate * rate - 2.0 * gamma * (y + period * rate)) / period**2
     root = math.sqrt(square) - half if square >= 0.0 else 2.0 * gamma
@@ -50,11 +50,11 @@ def bounded_acceleration(y: float, rate: float, gamma: float, period: float, app
 
 
 def gradual_acceleration(y: float, rate: float, gamma: float, approach: float) -> float:
-    """The y'' with which y' approaches a profile of speeds with the time constant T: no jump of y'' anywhere.
+    """The y'' with which y' approaches a speed profile w with the time constant T, without a jump of y''.
 
         y'' = w'(-y) (-y') + (w(-y) - y')/T,    w(d) = d/T up to d = g T^2,    (g (2 d - g T^2))^(1/2) beyond
 
-    w is the speed that braking at g = 0.9 `|gamma|` leaves at the distance d, and decays with T at the end.
+    w is the speed that braking at g = 0.9 `|gamma|` can stop within the distance d; near the end it decays with T.
 
     Args:
         y: constraint output, <= 0.
@@ -76,7 +76,7 @@ class JointBounds:
     Args:
         limits: with finite accelerations, see `checked_limits`.
         period: tick Ts [s].
-        approach: time constant T with which positions and speeds approach their limits [s]; 0: a tick.
+        approach: time constant T with which positions and speeds approach their limits [s]; 0: one tick.
     """
 
     def __init__(self, limits: JointLimits, period: float, approach: float = 0.0):
@@ -86,28 +86,28 @@ class JointBounds:
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
         self._low, self._high, self._speed, self._acceleration = each
         self._joints = [limit.tolist() for limit in each]
-        # Accelerations with which the speed begins to approach its limit from rest.
+        # Acceleration from rest towards the speed limit, with the time constant.
         self._most = self._speed / self._slowing
-        # What a joint may become faster by before its braking is as it should be, and the way that this takes.
+        # Largest gain of speed before braking follows the profile, and the displacement that this takes.
         self._gained = max(1.5 * approach, period) * self._acceleration
         self._tail = 0.25 * approach**2 * self._acceleration
         self._joints += [self._gained.tolist(), self._tail.tolist()]
-        # How far from the middle of its range every joint may be when it is as fast as it can be; a joint with a limit
-        # on one side only has no middle.
+        # Distance of every joint from the middle of its range within which it can stop from its speed limit; a joint
+        # with a limit on one side only has no middle.
         ranged, free = np.isfinite(self._low) & np.isfinite(self._high), np.isinf(self._low) & np.isinf(self._high)
         low, high = (np.where(ranged, limit, 0.0) for limit in (self._low, self._high))
         self._middle = 0.5 * (low + high)
         self._clear = np.where(free, np.inf, 0.5 * (high - low) - self._stopping_distance(self._speed))
 
     def at(self, q: Vector, v: Vector) -> tuple[Vector, Vector, float]:
-        """Lower and upper bounds of u (n,) [rad/s^2], and by how much a position [rad] or speed [rad/s] is beyond one.
+        """Lower and upper bounds of u (n,) [rad/s^2], and the largest violation of a position [rad] or speed [rad/s].
 
         Args:
             q, v: (n,) [rad, rad/s].
         """
         Ts = self._period
         if self._n > SMALL_BATCH and self._unbound(q, v):
-            # To rest within a tick is always allowed.
+            # Braking to rest within a tick is always allowed.
             rest, change = v / -Ts, v / self._slowing
             return (
                 np.maximum(np.minimum(-self._most - change, rest), -self._acceleration),
@@ -115,13 +115,13 @@ class JointBounds:
                 0.0,
             )
         lower, upper, violation = [], [], 0.0
-        # Joint by joint in floats: for an arm a third of the cost of numpy.
+        # Joint by joint in floats: for one arm a third of the time of numpy.
         for x, rate, low, high, speed, acceleration, gained, tail in zip(
             q.tolist(), v.tolist(), *self._joints, strict=True
         ):
             down = min((-speed - rate) / self._slowing, -rate / Ts)
             up = max((speed - rate) / self._slowing, -rate / Ts)
-            # A limit so far away that braking may begin later binds nothing.
+            # A limit so far away that braking may begin later gives no bound.
             ahead, back = rate + gained, gained - rate
             if x - high + tail + (ahead * (2 * Ts + ahead / (_GRADUAL * acceleration)) if ahead > 0.0 else 0.0) > 0.0:
                 up = min(up, bounded_acceleration(x - high, rate, -0.5 * acceleration, Ts, self._approach))
@@ -133,9 +133,9 @@ class JointBounds:
         return np.array(lower), np.array(upper), violation
 
     def gradual(self, lower: Vector, upper: Vector, last: Vector) -> tuple[Vector, Vector] | None:
-        """The part of bounds in which no joint changes its acceleration from rest to its limit in less than T.
+        """The bounds, narrowed so that u takes at least T to change from 0 to the acceleration limit of a joint.
 
-        Where there is none, the bound that is nearest; None without T.
+        If that leaves no value, the nearest bound; None if T is 0.
 
         Args:
             lower, upper: of u at this tick (n,) [rad/s^2].
@@ -147,23 +147,23 @@ class JointBounds:
         return np.minimum(np.maximum(lower, last - change), upper), np.maximum(np.minimum(upper, last + change), lower)
 
     def mobility(self, q: Vector) -> Vector | None:
-        """How far joints count as able to move, from 0 at a limit of its position to 1 (n,) [1]; None: all are 1."""
+        """Ability of each joint to move, from 0 at a position limit to 1 away from it (n,) [1]; None: all are 1."""
         room = np.minimum(self._high - q, q - self._low)
         return None if smallest(room) >= _NEAR else np.minimum(np.maximum(room / _NEAR, 0.0), 1.0)
 
     def _unbound(self, q: Vector, v: Vector) -> bool:
-        """Whether all joints are too far from their position limits to be bound, and within their speed limits."""
+        """Whether all joints are too far from their position limits for a bound, and within their speed limits."""
         speed = np.abs(v)
-        # Of a NaN every comparison is false.
+        # Comparisons with NaN are false.
         if not largest(speed - self._speed) <= 0.0:
             return False
-        # Usually they are so far away that no speed matters.
+        # The usual case: far enough for any speed.
         if largest(np.abs(q - self._middle) - self._clear) <= 0.0:
             return True
         acceleration = np.minimum(self._high - q, q - self._low)
         return bool(largest(self._stopping_distance(speed) - acceleration) <= 0.0)
 
     def _stopping_distance(self, speed: Vector) -> Vector:
-        """What a joint needs to stop from a speed that full acceleration still adds to [rad]."""
+        """Stopping distance of a joint from a speed that first still grows with full acceleration [rad]."""
         ahead = speed + self._gained
         return self._tail + ahead * (2 * self._period + ahead / (_GRADUAL * self._acceleration))

@@ -1,20 +1,21 @@
-"""Constraints that hold in spite of measurement errors and of a model that is not exact: (5.21)-(5.27).
+"""Constraints that hold despite bounded measurement and model errors: (5.21)-(5.27).
 
-An output p of relative degree 2 is measured as pi = (p, p') with an error Delta, and the model misses v in a tick::
+An output p of relative degree 2 is measured as pi = (p, p') with an error Delta; the model has an error v per tick::
 
     pi+ = A (pi + Delta) + B p'' + v,     A = [1 Ts; 0 1],  B = [Ts^2/2; Ts],    |Delta| <= D,  |v| <= V       (5.23)
 
-All states that may come next are the corners of a polygon (5.25). They must stay in the set that braking at gamma_p
-never leaves, whatever Delta and v (5.26): the set grows with neither p nor p', so of all corners the upper one decides.
+The possible next states form a polygon (5.25). Its corners must stay in the set that is invariant with braking at
+gamma_p, for all Delta and v (5.26). With (p, p') the set contains all smaller p and p', so the upper corner decides.
 
-A model error that lasts is a speed v_p/Ts that p' does not show, and an acceleration v_v/Ts that no braking takes away.
-With it, the thesis' set Phi(p, p') <= 0 is left, by 0.95 mm for v_p = 10 um per 4 ms at 2 m/s^2. So the set here is
+A constant model error acts as a speed v_p/Ts that p' does not contain, and an acceleration v_v/Ts that braking cannot
+remove. With it the state leaves the thesis' set Phi(p, p') <= 0, by 0.95 mm for v_p = 10 um per 4 ms at 2 m/s^2. So the
+set here is
 
     { (p, p') : Phi(p - p_max, p' + v_p/Ts) <= 0 },    with braking at gamma_p - v_v/Ts
 
 sampled as in `one_step_acceleration`: with w = p' + v_p/Ts and a = p'' + v_v/Ts the true next state is at most
-(p + Ts w + Ts^2 a/2, w + Ts a), a double integrator without errors. Where (5.27) brakes while a corner is outside and
-not at all else, here p'' may be the largest that keeps the upper corner inside: there is no limit cycle.
+(p + Ts w + Ts^2 a/2, w + Ts a), a double integrator without errors. (5.27) brakes only while a corner is outside. Here
+p'' is limited to the largest value that keeps the upper corner inside, which avoids a limit cycle.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Errors(NamedTuple):
 
     Attributes:
         value: of p, in its unit.
-        rate: of p', in its unit per second. Of a model they are what it misses in a tick.
+        rate: of p', in its unit per second. Model errors are prediction errors after one tick.
     """
 
     value: ArrayLike = 0.0
@@ -45,11 +46,11 @@ class Errors(NamedTuple):
 
 
 class RobustBound:
-    """The largest p'' with which p <= 0 can be kept in spite of bounded errors; see this module.
+    """The largest p'' with which p <= 0 can be kept despite bounded errors; see this module.
 
     Args:
         gamma_p, measurement_error, model_error, period: see `RobustConstraint`.
-        margin: of p, kept beside the errors.
+        margin: distance of p to its limit, beside the errors.
     """
 
     def __init__(
@@ -73,34 +74,34 @@ class RobustBound:
             y, rate: p and p' as measured.
         """
         p, w = np.add(y, self._value), np.add(rate, self._rate)
-        # From outside, as a measurement may have it, it comes back within the same acceleration.
+        # A measured p > 0 returns with accelerations within the same limit.
         upper = np.where(p > 0.0, -self._gamma, np.inf)
         return one_step_acceleration(p, w, self._gamma, upper, self._period) - self._drift
 
     def distance(self) -> Vector:
-        """How far from its limit p rests at most, with exact readings and no model error; see `RobustConstraint`."""
+        """Largest distance from its limit at which p rests, for errors of 0; see `RobustConstraint`."""
         Ts, jump = self._period, self._drift * self._period
         coasting = Ts * (self._rate + jump / 2) - (self._rate + jump) ** 2 / (2 * self._gamma)
         return self._value + coasting - self._gamma * Ts**2 / 8
 
 
 class RobustConstraint:
-    """A constraint of relative degree 2, kept in spite of bounded errors; with any number of rows.
+    """A constraint of relative degree 2 that holds despite bounded errors; with any number of rows.
 
-    With exact readings and no model error p comes to rest at this distance from its limit, where D and V are the bounds
-    (value, rate) of the errors, and w = D_v + V_p/Ts is a speed it may have unseen:
+    If the actual errors are zero, p comes to rest at this distance from its limit. D and V are the bounds (value, rate)
+    of the errors, w = D_v + V_p/Ts is the largest speed that is not measured:
 
         D_p + Ts (w + V_v/2) + (w + V_v)^2/(2 gamma) + at most gamma Ts^2/8,      gamma = gamma_p - V_v/Ts
 
-    With errors that change it is nearer, by up to all of it. Its rows say how much p may accelerate, so to a controller
-    they are of relative degree 0: never more than gamma_p is asked for, which can always be given.
+    With errors that change the distance is smaller, down to 0. The rows limit p'' directly, so for a controller they
+    are of relative degree 0. They never need more than gamma_p, which is always possible.
 
     Args:
         inner: the constraint. Its gamma is replaced; its margin, slack weight, companions and names of rows are kept.
-            `LinkDistance` scales rows: bounds of its errors must be ten times as large.
+            `LinkDistance` scales its rows by up to 10: bounds of its errors must be ten times as large.
         gamma_p: braking that is always possible, > 0 [unit of y per s^2].
         measurement_error: of y and y'.
-        model_error: what y and y' are off after a tick, beside what the model says.
+        model_error: prediction errors of y and y' after a tick.
         period: tick Ts [s].
 
     Raises:

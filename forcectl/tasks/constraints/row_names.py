@@ -1,4 +1,4 @@
-"""What the rows of constraints are called in the program of a controller."""
+"""Names of the rows of constraints in the program of a controller."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from forcectl.robot.robot_motion import RobotMotion
 
 
 def label(constraint: object) -> str:
-    """What a constraint is called, without a number."""
+    """Name of a constraint, without a number."""
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", type(constraint).__name__.strip("_")).lower()
     return str(getattr(constraint, "label", words))
 
@@ -30,12 +30,12 @@ def row_names(constraints: Sequence[tuple[object, int]]) -> list[list[str]]:
 
 
 def with_rows_at(names: Sequence[str], places: Sequence[tuple[object, slice]], motion: RobotMotion) -> list[str]:
-    """The names of rows, with what their constraints' `rows_at` say of them.
+    """The names of rows, completed by `rows_at` of their constraints.
 
     Args:
         names: of all rows.
-        places: constraints, and where their rows are.
-        motion: at which the rows were asked for.
+        places: constraints, each with the slice of its rows.
+        motion: at which the rows were evaluated.
     """
     said = list(names)
     for constraint, place in places:

@@ -1,4 +1,4 @@
-"""Constraints of one arm of several: where it may be, and how fast; and any that is written for a single arm."""
+"""Limits of task coordinates and their speeds, and the use of constraints for one arm on one of several arms."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class TaskRange:
 
     Args:
         task: whose coordinates.
-        lower, upper: of each (k,) or one number [m or rad]; infinite where there is none.
+        lower, upper: limits of each coordinate (k,) or one number [m or rad]; infinite for no limit.
         gamma: braking [m or rad, per s^2], < 0; None: the controller's.
         slack_weight: see `Constraint`; None: hard.
     """
@@ -55,11 +55,11 @@ class TaskRange:
 
 
 class TaskSpeedLimit:
-    """Task coordinates change no faster than limits: `|x'|` <= limit, relative degree 1.
+    """Task coordinates keep speed limits: `|x'|` <= limit, relative degree 1.
 
     Args:
         task: whose coordinates.
-        limit: of each (k,) or one number, > 0 [m or rad, per s].
+        limit: of each coordinate (k,) or one number, > 0 [m or rad, per s].
         slack_weight: see `Constraint`; None: hard.
     """
 
@@ -83,7 +83,7 @@ class OfArm:
 
     Args:
         arm: its name.
-        constraint: any; its relative degree, gamma and the like are kept, and its companions are of the same arm.
+        constraint: any; its relative degree and optional attributes are kept, its companions get the same arm.
     """
 
     def __init__(self, arm: str, constraint: Constraint):
@@ -106,7 +106,7 @@ class OfArm:
 
 
 class _Sides:
-    """Rows x - upper <= 0 and lower - x <= 0 of the coordinates that have these limits."""
+    """Rows x - upper <= 0 and lower - x <= 0 of the coordinates with finite limits."""
 
     def __init__(self, upper: Vector, lower: Vector):
         eye, above, below = np.eye(len(upper)), np.isfinite(upper), np.isfinite(lower)
@@ -130,7 +130,7 @@ class _Sides:
         return self._pick.dot(values)
 
     def beyond(self, values: Vector) -> Vector:
-        """By how much values (k,) are beyond their limits."""
+        """Excess of values (k,) over their limits, positive beyond them."""
         return self.of(values) - self._limit
 
 

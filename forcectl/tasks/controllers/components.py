@@ -1,4 +1,4 @@
-"""What the components of the ports of a controller are that follows tasks: their coordinates and wrenches, by name."""
+"""Names and units of the components of ports of a controller of tasks: coordinates and wrenches."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from forcectl.conventions import WRENCH_PARTS, Components
 from forcectl.tasks.coordinates import ArmTask
 
-# Units of positions and angles by the port.
+# Units of positions and of angles, by port.
 _UNITS = {
     "task_position_reference": ("m", "rad"),
     "task_position": ("m", "rad"),
@@ -21,7 +21,7 @@ _UNITS = {
 
 
 def task_components(tasks: Mapping[str, ArmTask]) -> dict[str, Components]:
-    """Components by the name of the port, as `port_components` has them.
+    """Components by name of the port, for `port_components`.
 
     Args:
         tasks: by name, in the order of the coordinates.

@@ -1,4 +1,4 @@
-"""Values of signals that guards of a `!TaskMachine` may wait for: none or every one would be a wrong unit or a slip."""
+"""Plausible ranges of signals in guards of a `!TaskMachine`; comparisons beyond them are a wrong unit or a mistake."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.machine.modes import SWITCHES, ExitConfig
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 
-_MORE = 2.0  # times the largest wrench that the motors hold in the start posture: other postures hold more
-_STRAIGHT = ("x", "y", "z")  # coordinates along which a task presses with a force
-_FASTER = 3.0  # times the speed that the references may have: constraints move arms, too
+_MORE = 2.0  # times the largest wrench that the motors hold in the start posture, for other postures
+_STRAIGHT = ("x", "y", "z")  # position coordinates, with a force along them
+_FASTER = 3.0  # times the largest speed of the references, as constraints also move arms
 
 Ranges = dict[str, tuple[float, float]]
 
 
 def check_no_single_value(place: str, exits: Sequence[ExitConfig]) -> None:
-    """Refuse guards that wait for one value, other than zero, of what is measured, moves or is a time.
+    """Refuse guards that compare a measured value, a coordinate or a time for equality with a number other than zero.
 
     Args:
         place: key of the exits.
@@ -41,7 +41,7 @@ def check_no_single_value(place: str, exits: Sequence[ExitConfig]) -> None:
 
 
 def check_pressed(always: Sequence[ExitConfig], modes: Mapping[str, Any]) -> None:
-    """Refuse guards of every mode that hold as soon as a mode presses with the force that it says.
+    """Refuse guards of every mode that are true whenever a mode presses with its desired force.
 
     Args:
         always: with the guards.
@@ -67,7 +67,7 @@ def check_pressed(always: Sequence[ExitConfig], modes: Mapping[str, Any]) -> Non
 
 
 def check_held(key: str, force: float, coordinate: str, task: str, ranges: Ranges, because: str) -> None:
-    """Refuse a desired force or torque far beyond what the motors hold.
+    """Refuse a desired force or torque far beyond the wrench that the motors hold.
 
     Args:
         key: of the force.
@@ -84,7 +84,7 @@ def check_held(key: str, force: float, coordinate: str, task: str, ranges: Range
 
 
 def wrench_ranges(model: PlantModel, tasks: Mapping[str, ArmTask]) -> tuple[Ranges, str]:
-    """Ranges of the wrenches on the tasks, `touch_force.torque_x`, of the torques elsewhere, and why: `check_able`."""
+    """Ranges of task wrenches, as `touch_force.torque_x`, and `torque_elsewhere`; their reason, see `check_able`."""
     torque, force = _MORE * _largest_wrench(model)
     arms = [*model.known_robot().parts.arms]
     elsewhere = ["torque_elsewhere" + f".{arm}" * (len(arms) > 1) for arm in arms]
@@ -97,12 +97,12 @@ def wrench_ranges(model: PlantModel, tasks: Mapping[str, ArmTask]) -> tuple[Rang
 
 
 def speed_ranges(modes: Sequence[Any], tasks: Mapping[str, ArmTask], limits: MotionLimitsConfig) -> Ranges:
-    """Ranges of the speeds of the coordinates that tasks follow in every mode, `touch.speed_z`, see `check_able`.
+    """Ranges of the speeds, as `touch.speed_z`, of tasks that every mode follows, see `check_able`.
 
     Args:
         modes: `TaskModeConfig`.
         tasks: by name.
-        limits: of modes that have none of their own.
+        limits: of the references in modes without their own.
     """
     found: Ranges = {}
     for name, task in tasks.items():
@@ -119,7 +119,7 @@ def speed_ranges(modes: Sequence[Any], tasks: Mapping[str, ArmTask], limits: Mot
 
 
 def _beside(reference: Any) -> float:
-    """How much faster than its limits a coordinate may be, by giving way and by a swing [m/s or rad/s]."""
+    """Speed that compliance and swing may add to the speed limit of a coordinate [m/s or rad/s]."""
     if reference is None:
         return 0.0
     yielding = max(map(abs, reference.speed_limit), default=math.inf) if reference.comply else 0.0
@@ -130,7 +130,7 @@ def _beside(reference: Any) -> float:
 
 
 def _largest_wrench(model: PlantModel) -> np.ndarray:
-    """Bounds on torque [Nm] and force [N] that any arm holds in the start posture; infinite where it is singular."""
+    """Upper bounds of the torque [Nm] and force [N] that an arm can hold in the start posture; infinite if singular."""
     robot = model.known_robot()
     context, largest = robot.context_at(model.start), np.zeros(2)
     for arm in robot.parts.arms.values():
@@ -143,6 +143,6 @@ def _largest_wrench(model: PlantModel) -> np.ndarray:
 
 
 def _lever(task: ArmTask) -> float:
-    """How far from a TCP the force on a task acts at most [m]."""
+    """Largest distance from a TCP at which the force on a task acts [m]."""
     frames = (task.frame, getattr(task, "leader_frame", None))
     return sum(float(np.linalg.norm(frame.position)) for frame in frames if frame is not None)

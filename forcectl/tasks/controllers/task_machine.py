@@ -82,7 +82,7 @@ class TaskMachineConfig(TaskControllerConfig):
     on_bad_signal: str = key(
         "", "mode that begins after longest_gap without a finite value of a guard's signal; empty: none"
     )
-    always: list[ExitConfig] = key([], "transitions of every mode except ends, checked before its own")
+    always: list[ExitConfig] = key([], "transitions of every mode except ends, checked before the mode's own")
     longest_gap: float = key(
         LONGEST_GAP,
         "longest time without a finite value of a guard's signal before on_bad_signal begins",
@@ -211,7 +211,7 @@ class TaskMachineConfig(TaskControllerConfig):
         return [each.to for each in (*self.always, *mode.exits)] + [mode.on_timeout, self.on_bad_signal]
 
     def _check_forces(self, model: PlantModel, tasks: Mapping[str, ArmTask]) -> None:
-        """Refuse guards and desired forces far beyond what the motors hold, and guards on speeds beyond the references'."""
+        """Refuse guards and forces far beyond what the motors hold, and guards on speeds beyond the references'."""
         self._check_guards(speed_ranges([*self.modes.values()], tasks, self.motion_limits), _SLOWER)
         ranges, because = wrench_ranges(model, tasks)
         self._check_guards(ranges, because)

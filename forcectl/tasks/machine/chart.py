@@ -1,4 +1,4 @@
-"""A state machine as it is drawn: plain values, without a robot or a Drake system."""
+"""A state machine as a chart: plain values, without a robot or a Drake system."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ class ChartMode:
 
     Attributes:
         name: unique in the chart.
-        end: whether the machine ends here, and how; "" where it goes on.
-        notes: lines below the name.
+        end: how the machine ends in this mode; "" if it does not.
+        notes: lines of text below the name.
     """
 
     name: str
@@ -25,7 +25,7 @@ class ChartMode:
 
 @dataclass(frozen=True)
 class ChartArrow:
-    """A transition from one mode to another, with its guard in words."""
+    """A transition from one mode to another; the label is its guard."""
 
     source: str
     target: str
@@ -34,13 +34,13 @@ class ChartArrow:
 
 @dataclass(frozen=True)
 class MachineChart:
-    """Modes, the one at the start, and the transitions between them, for `forcectl.graph`.
+    """Modes, start mode and transitions of a machine, for `forcectl.graph`.
 
     Attributes:
         name: of the machine.
-        start: name of the mode that it starts in.
-        modes: in their order.
-        arrows: those of a mode in the order in which they are looked at.
+        start: name of the first mode.
+        modes: in the order of their numbers.
+        arrows: transitions; those of a mode in the order in which they are checked.
     """
 
     name: str

@@ -1,19 +1,19 @@
-"""Modes of a task state machine as a scenario declares them, and what a machine must be.
+"""Modes of a task state machine as a scenario declares them, and the checks of a machine.
 
-A machine is refused, in one line with the key, when
+A machine is refused, in one line with the key, if
 
-* `start`, `to`, `on_timeout` or `on_bad_signal` is no mode of it, or a transition of a mode leads back to it;
-* a mode is neither an end nor has a timeout, is both, or cannot be reached from the start;
-* the timeouts alone do not lead from each mode to an end: a machine none of whose guards ever holds ends, too;
-* it is a success without a guard that holds: the first mode is an end, there are no guards, or the timeouts alone lead
+* `start`, `to`, `on_timeout` or `on_bad_signal` names no mode of it, or a transition of a mode leads back to this mode;
+* a mode has no timeout and is no end, has a timeout and is an end, or cannot be reached from the start;
+* from some mode the timeouts alone do not lead to an end: the machine must end even if no guard ever holds;
+* it can succeed although no guard holds: the first mode is an end, there are no guards, or the timeouts alone lead
   to a success from the start or from `on_bad_signal`;
-* a guard compares nothing with a signal, or cannot hold before the timeout, or never counts after one before it;
-* a comparison in a guard comes out the same whatever the signals are, or counts visits of a mode that nothing leads
-  back to;
-* the timeout of a mode leads to a success that one of its guards leads to, too, at once or by way of other modes:
-  nothing would depend on that guard;
+* a guard compares nothing with a signal, cannot hold before the timeout, or holds only when an earlier one holds, too;
+* a comparison in a guard has the same result for all values of the signals, or compares `visits` of a mode that no
+  transition leads back to;
+* timeout and guard of a mode lead to the same success, directly or by way of other modes: nothing would depend on that
+  guard;
 * a guard holds from the first tick of its mode on, or one of `always` from the first tick of the machine on;
-* no mode is a success, or a failure has no reason, or another mode has one;
+* no mode is a success, a failure has no reason, or a mode that is no failure has one;
 * a name of a mode is not made of letters, digits and _, or a gripper is neither open nor closed.
 """
 
@@ -32,7 +32,7 @@ GRIPPERS = ("open", "closed")
 LONGEST_GAP = 0.05  # [s]
 GUARD_EXAMPLE = "time > 0.5 and abs(touch.force_z) > 1"
 SWITCHES = ("reached", "stalled", "holding", "gripper_holds")  # signals that are 0 or 1
-_SOON = 1e-9  # [s] after something began: guards are first looked at a tick later
+_SOON = 1e-9  # [s] just after a mode or the machine began: guards are first checked a tick later
 _RANGES = {"time": (0.0, math.inf), "elapsed": (_SOON, math.inf), "visits": (1.0, math.inf)}
 _ONCE = {"visits": (1.0, 1.0)}
 _AT_ONCE = {"time": (0.0, _SOON)}
@@ -41,7 +41,7 @@ _AT_START = {"time": (0.0, _SOON), "elapsed": (_SOON, _SOON), "visits": (1.0, 1.
 
 @dataclass(kw_only=True)
 class ExitConfig(Config):
-    """A transition of a mode: where its guard leads to."""
+    """A transition out of a mode: its guard, and the mode that it leads to."""
 
     when: str = key(meaning="guard of the transition, an expression such as abs(touch.force_z) > 1 or time > 0.5")
     to: str = key(meaning="name of the mode that begins when the guard holds")
@@ -76,16 +76,16 @@ Modes = Mapping[str, MachineModeConfig]
 
 
 def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Sequence[ExitConfig] = ()) -> None:
-    """Refuse a machine that is none, see above.
+    """Refuse a machine with one of the faults above.
 
     Args:
         modes: by name.
         start: name of the first one.
-        on_bad_signal: of the one that begins when a signal is bad; "" for none.
-        always: transitions of every mode but ends.
+        on_bad_signal: name of the mode that begins when a signal is bad; "" for none.
+        always: transitions of every mode except ends.
 
     Raises:
-        BadInputError: about the key, from `modes`, `start`, `on_bad_signal` or `always` on.
+        BadInputError: with the key, which begins with `modes`, `start`, `on_bad_signal` or `always`.
     """
     _check_kinds(modes, always)
     _check_mode("start", start, modes)
@@ -132,13 +132,13 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
 def check_able(
     place: str, exits: Sequence[ExitConfig], ranges: Mapping[str, tuple[float, float]], because: str
 ) -> None:
-    """Refuse guards with a comparison that comes out the same for all values within ranges.
+    """Refuse guards with a comparison that has the same result for all values within ranges.
 
     Args:
         place: key of the exits.
         exits: with the guards.
-        ranges: lowest and highest value of names; others may have any.
-        because: why they are, for the message.
+        ranges: lowest and highest value by name of the signal; signals without an entry may have any value.
+        because: reason of the ranges, for the message.
 
     Raises:
         BadInputError: about the guard.
@@ -161,7 +161,7 @@ def machine_chart(
     longest_gap: float = LONGEST_GAP,
     always: Sequence[ExitConfig] = (),
 ) -> MachineChart:
-    """The machine as it is drawn.
+    """The chart of a machine.
 
     Args:
         name: of the machine.
@@ -192,7 +192,7 @@ def _label(exit_: ExitConfig) -> str:
 
 
 def _check_kinds(modes: Modes, always: Sequence[ExitConfig]) -> None:
-    """Whoever makes a machine in Python may give anything, and change a configuration after it was checked."""
+    """Types, names and again the checks of each configuration, which Python code may have changed since."""
     if not isinstance(modes, Mapping):
         raise invalid("modes", modes, "modes by name")
     exits = {f"always.{i}": exit_ for i, exit_ in enumerate(always)}
@@ -220,7 +220,7 @@ def _check_mode(key: str, name: str, modes: Modes) -> None:
 
 
 def _check_ways(place: str, name: str, mode: MachineModeConfig, modes: Modes) -> None:
-    """What one mode must be; `place` is its key."""
+    """Refuse faults of one mode by itself; `place` is its key."""
     if mode.end:
         for key in ("exits", "timeout", "on_timeout"):
             if getattr(mode, key):
@@ -246,7 +246,7 @@ def _check_ways(place: str, name: str, mode: MachineModeConfig, modes: Modes) ->
 
 
 def _check_guards(place: str, exits: Sequence[ExitConfig], timeout: float = math.inf) -> None:
-    """Each guard can hold before the timeout, and none counts after another one that is the same."""
+    """Refuse guards that cannot hold before the timeout, or only if an earlier one holds, too."""
     for i, exit_ in enumerate(exits):
         key = f"{place}.{i}.when"
         condition = Expression(exit_.when, key, GUARD_EXAMPLE)
@@ -269,7 +269,7 @@ def _check_guards(place: str, exits: Sequence[ExitConfig], timeout: float = math
 
 
 def _check_open(key: str, condition: Expression, first: Mapping[str, tuple[float, float]]) -> None:
-    """It depends on the signals whether a guard holds, and does not hold anyway when it is first looked at."""
+    """Refuse a guard whose result does not depend on the signals, or that is true when it is first checked."""
     ranges = {name: (0.0, 1.0) for name in condition.names if name.partition(".")[0] in SWITCHES} | _RANGES
     for part, holds in condition.settled(ranges):
         shown = "" if part == condition.text.strip() else f": {part!r}"
@@ -280,7 +280,7 @@ def _check_open(key: str, condition: Expression, first: Mapping[str, tuple[float
 
 
 def _reached(modes: Modes, begins: Sequence[str], without: str = "") -> set[str]:
-    """Modes that transitions lead to, on ways around one."""
+    """Modes that can be reached from `begins` on paths around `without`."""
     reached: set[str] = set()
     waiting = list(begins)
     while waiting:
@@ -308,7 +308,7 @@ def _check_timeouts(name: str, modes: Modes) -> None:
 
 
 def _check_successes(modes: Modes, start: str, on_bad_signal: str, always: Sequence[ExitConfig]) -> None:
-    """Refuse a success that is one whatever happens; the modes are checked on their own."""
+    """Refuse a success that does not depend on any guard; the modes by themselves are checked before."""
     if not always and not any(mode.exits for mode in modes.values()):
         raise BadInputError("one of them must have exits: nothing that happens matters to this machine", key="modes")
     if on_bad_signal and modes[_way_of_timeouts(on_bad_signal, modes)[-1]].end == "success":
@@ -328,7 +328,7 @@ def _check_successes(modes: Modes, start: str, on_bad_signal: str, always: Seque
 
 
 def _way_of_timeouts(name: str, modes: Modes) -> list[str]:
-    """Modes that follow while no guard holds: to an end, or to one that was there before."""
+    """Modes that follow each other while no guard holds, up to an end or to the first mode that is repeated."""
     way = [name]
     while not modes[way[-1]].end and way[-1] not in way[:-1]:
         way.append(modes[way[-1]].on_timeout)

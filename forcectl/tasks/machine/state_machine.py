@@ -1,4 +1,4 @@
-"""Task state machine: which mode a task is in, from signals at every tick."""
+"""Task state machine: selects the mode of a task from signals at every tick."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from forcectl.framework.expression_units import check_units
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.tasks.machine.modes import GUARD_EXAMPLE, LONGEST_GAP, ExitConfig, MachineModeConfig, Modes, check_modes
 
-ENDS = ("running", "success", "failure")  # by their number
-# Names in guards that are no signals.
+ENDS = ("running", "success", "failure")  # in the order of the values of machine_end
+# Names in guards that are not signals.
 TIME, VISITS, ELAPSED = "time", "visits", "elapsed"
 
 OWN_NAMES = (TIME, VISITS, ELAPSED)
-_UNITS = {TIME: "s", ELAPSED: "s", "force": "N", "torque": "Nm"}  # by the begin of the last part of a name
-_TINY = 1e-6  # of a tick, for rounding
-_LONG = 1e9  # [s] as good as for ever
+_UNITS = {TIME: "s", ELAPSED: "s", "force": "N", "torque": "Nm"}  # by the first word of the last part of a name
+_TINY = 1e-6  # of a tick, tolerance for rounding
+_LONG = 1e9  # [s] stands for infinity
 
 
 class Guard:
@@ -31,16 +31,16 @@ class Guard:
 
     Args:
         text: the expression.
-        key: that it stands at, for messages.
+        key: of the guard in the scenario, for messages.
         known: names of the components of signals.
 
     Attributes:
-        key: that it stands at.
-        signals: names of those that it reads.
-        times: in the mode between which it can hold [s].
+        key: the same.
+        signals: names of the components that it reads.
+        times: lowest and highest time in the mode at which it can hold [s].
 
     Raises:
-        BadInputError: it is no condition, or of other names.
+        BadInputError: the text is not a condition, or has an unknown name.
     """
 
     def __init__(self, text: str, key: str, known: Sequence[str]):
@@ -55,12 +55,12 @@ class Guard:
         self.times = max(low, 0.0), min(high, _LONG)
 
     def value_if_true(self, values: Mapping[str, float]) -> float | None:
-        """The value that decided, see `Expression.deciding_value`, where the condition holds; None elsewhere.
+        """The value that decided, see `Expression.deciding_value`, if the condition holds; else None.
 
         A condition does not hold while a signal that it reads, or the value that decides, is not finite.
 
         Args:
-            values: by name.
+            values: of the signals, by name.
         """
         if not all(math.isfinite(values[name]) for name in self.signals) or not self._condition(values):
             return None
@@ -72,10 +72,10 @@ class _Exit(NamedTuple):
     """A transition.
 
     Attributes:
-        guard: of it.
+        guard: its condition.
         target: number of the mode that it leads to.
-        hold: ticks that the guard has to hold after the first.
-        counter: where in `held` the ticks are counted; those of `always` come first.
+        hold: number of ticks, after the first, for which the guard must hold.
+        counter: index of its counter of ticks in `held`; those of `always` come first.
     """
 
     guard: Guard
@@ -89,12 +89,12 @@ class _Mode(NamedTuple):
 
     Attributes:
         exits: in their order.
-        timeout: after so many ticks.
+        timeout: number of ticks in the mode; infinite for none.
         on_timeout: number of the mode that begins then.
         signals: names that the guards read.
-        end: number of `ENDS`.
-        tare: 0 or 1.
-        grippers: 1 closed, 0 open, NaN as before (a,).
+        end: index in `ENDS`.
+        tare: 1 if the mode tares, else 0.
+        grippers: 1 closed, 0 open, NaN unchanged (a,).
     """
 
     exits: tuple[_Exit, ...]
@@ -118,47 +118,47 @@ class StateMachine(SampledBlock):
 
     The inputs are the signals that at least one guard reads.
     mode: shape (1,), number of the mode in the order of `modes`, from 0 on [1].
-    time_in_mode: shape (1,), since the mode began [s].
-    transition: shape (1,), how many there were so far [1].
-    transition_value: shape (1,), what caused the last one, in its own unit [N or Nm or m or rad or s or 1]: the value
-    that decided the guard (see `Expression.deciding_value`), the time in the mode after a timeout, the time without a
-    signal after that; 0 before the first.
-    machine_end: shape (1,), 0 while the machine goes on, 1 after a success, 2 after a failure [1].
-    gripper_command: shape (a,), 1 where the gripper of an arm is to be closed, else 0 [1]. There where a mode names
-    one.
-    tare: shape (1,), 1 in modes that tare, else 0 [1]. There where a mode does.
+    time_in_mode: shape (1,), time since the mode began [s].
+    transition: shape (1,), number of transitions so far [1].
+    transition_value: shape (1,), cause of the last transition, in its own unit [N or Nm or m or rad or s or 1]: the
+    value that decided the guard (see `Expression.deciding_value`), the time in the mode for a timeout, the time without
+    finite values for a bad signal; 0 before the first.
+    machine_end: shape (1,), 0 while the machine runs, 1 after a success, 2 after a failure [1].
+    gripper_command: shape (a,), 1 to close the gripper of an arm, 0 to open it [1]. The port exists if a mode names a
+    gripper.
+    tare: shape (1,), 1 in modes that tare, else 0 [1]. The port exists if a mode tares.
     All outputs are feedthrough of all inputs at the tick, and held.
 
     A guard is an expression over signals: a signal of one component stands by its own name, others are
-    `signal.component`. `time` is the time in the mode [s], `visits` how often it began, from 1 on, for a task that is
-    tried again so many times, `elapsed` the time since the first tick [s].
+    `signal.component`. `time` is the time in the mode [s]. `visits` counts how often the mode has begun, from 1 on, to
+    limit the number of attempts. `elapsed` is the time since the first tick [s].
 
-    The first tick begins the first mode. At every later tick the exits of all modes and then those of the mode
-    are looked at in their order, then whether a signal is bad, then the timeout; the first that applies begins another
-    mode at that tick, whose own exits are looked at from the next tick on. So there is one transition at a tick at
-    most. A guard with `hold` must hold at every tick over that time, within the mode; one of `always` also from mode to
-    mode. A guard does not hold while a signal that it reads is not finite; when one that the guards of the mode read
-    stays so for more than `longest_gap`, `on_bad_signal` begins.
+    The first tick begins the first mode. At every later tick the exits in `always`, then those of the mode are checked
+    in their order, then whether a signal is bad, then the timeout. The first that applies begins another mode at that
+    tick; the exits of the new mode are checked from the next tick on. So there is at most one transition per tick. A
+    guard with `hold` must hold at every tick over that time, within the mode; one of `always` also across modes. No
+    guard holds while a signal that it reads is not finite. If a signal that guards of the mode read is not finite for
+    more than `longest_gap`, `on_bad_signal` begins.
 
     The mode is a number in the declared memory and no abstract value: an abstract state changes in unrestricted
-    updates only, which copy the state of the whole diagram and act after the outputs of the tick were computed. As it
-    is, a mode acts at the tick that it begins at, and everything that is remembered lies in the Context.
+    updates only, which copy the state of the whole diagram and act after the outputs of the tick were computed. As a
+    number, a mode acts at the tick at which it begins, and all memory is in the Context.
 
     Sampling: every `period` [s]; no delay from the inputs to the mode.
 
     Args:
         modes: by name, see `check_modes`.
         start: name of the first one.
-        signals: name of an input -> names of its components, of all that guards may read.
-        arms: names of those whose grippers are commanded.
-        on_bad_signal: name of the mode that begins when a signal is bad; "" for none: then there are the timeouts.
-        longest_gap: bad ticks in a row that are passed over [s], >= 0.
-        always: transitions of every mode but ends; in the one that it leads to a transition is left out.
+        signals: name of an input -> names of its components, of all signals that guards may read.
+        arms: names of the arms whose grippers are commanded.
+        on_bad_signal: name of the mode that begins when a signal is bad; "" for none: then only timeouts help.
+        longest_gap: longest time that a signal may be bad without a transition [s], >= 0.
+        always: transitions of every mode except ends and except the mode that the transition leads to.
         period: tick [s].
 
     Raises:
-        BadInputError: see `check_modes`; a guard is no expression or of unknown signals; a gripper of an unknown arm,
-            or one that the first mode does not name while others do.
+        BadInputError: see `check_modes`; a guard that is no expression or has unknown signals; a gripper of an unknown
+            arm, or one that the first mode does not name while others do.
     """
 
     port_units = {
@@ -196,7 +196,7 @@ class StateMachine(SampledBlock):
         self._tares = any(mode.tare for mode in modes.values())
         read = frozenset[str]().union(*(mode.signals for mode in self._modes))
         self._places = {name: components[name] for name in sorted(read)}
-        self.port_keys: dict[str, str] = {}  # of the first guard that reads an input
+        self.port_keys: dict[str, str] = {}  # by input, key of the first guard that reads it
         for mode in self._modes:
             for exit_ in mode.exits:
                 for name in sorted(exit_.guard.signals):
@@ -211,9 +211,9 @@ class StateMachine(SampledBlock):
             "transition": 0.0,
             "transition_value": 0.0,
             "machine_end": first.end,
-            "ticks": -1.0,  # in the mode
-            "gap": 0.0,  # ticks in a row at which a signal was bad
-            "held": np.zeros(max(1, len(always) + max(len(mode.exits) for mode in modes.values()))),  # ticks
+            "ticks": -1.0,  # number of ticks in the mode
+            "gap": 0.0,  # number of successive ticks with a bad signal
+            "held": np.zeros(max(1, len(always) + max(len(mode.exits) for mode in modes.values()))),  # ticks of guards
             "visits": np.zeros(len(modes)),
             "all_ticks": 0.0,
         }
@@ -311,7 +311,7 @@ class StateMachine(SampledBlock):
 
 
 def _components(signals: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, int]]:
-    """Name in guards -> input and place in it, of every component."""
+    """Name in guards -> input and index in it, of every component."""
     found: dict[str, tuple[str, int]] = {}
     if not isinstance(signals, Mapping):
         raise invalid("signals", signals, "names of components by name of the input")
