@@ -124,7 +124,9 @@ class ReferenceConfig(Config):
         None, "constant velocity of the coordinate; null: none", unit="m/s or rad/s", bounds="from -10 to 10"
     )
     swing: SwingConfig | None = key(None, "sine added to the reference; null: none")
-    comply: bool = key(False, "whether the coordinate yields to the force along it, by the admittance H a + D v = F")
+    comply: bool = key(
+        False, "whether the coordinate yields to the force along it, by the admittance H a + D v = F - force"
+    )
     force: float = key(
         0.0,
         "desired force or torque, subtracted from the estimated one before the coordinate yields to it",

@@ -284,7 +284,7 @@ class ConstraintSet:
         self._steady = [not getattr(c, "rows_change", False) for c, _ in each][self._second :]
 
     def names_at(self, motion: RobotMotion) -> list[str]:
-        """Names of the rows; those that change have what they belong to at this motion."""
+        """Names of the rows; for rows that change, with what they belong to at this motion."""
         return with_rows_at(self.row_names, self._parts, motion)
 
     def rows(self, motion: RobotMotion, foreseen: Vector) -> Rows:

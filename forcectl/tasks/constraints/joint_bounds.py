@@ -1,7 +1,8 @@
-"""Limits of joint positions and speeds as bounds of the joint accelerations u, by invariance; see `constraints.base`.
+"""Limits of joint positions and speeds as bounds of the joint accelerations u, by invariance.
 
-Positions (r = 2) are kept with half of the acceleration limit, so that braking and the return from a violation are
-always possible. Bounds for speeds (r = 1) and accelerations (r = 0) follow.
+The method is that of `forcectl.tasks.constraints.base`. Positions (r = 2) are kept with half of the acceleration limit,
+so that braking and the return from a violation are always possible. Bounds for speeds (r = 1) and accelerations (r = 0)
+follow.
 """
 
 from __future__ import annotations

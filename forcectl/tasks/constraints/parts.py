@@ -26,7 +26,7 @@ class ConstraintPart(Protocol):
     """A part for the slot `constraint`."""
 
     def constraint(self, model: PlantModel) -> Constraint:
-        """The constraint, built anew, for this model of the plant."""
+        """A new constraint, for this model of the plant."""
 
 
 def constraints_of(parts: Sequence[ConstraintPart], model: PlantModel, key: str = "constraints") -> list[Constraint]:
@@ -89,10 +89,10 @@ class RangeConfig(Config):
 
     task: Any = slot("task", meaning="task whose coordinates are limited")
     lower: list[float | None] = key(
-        [], "lower limit of each coordinate; null: none; empty: none at all", unit="m or rad"
+        [], "lower limit of each coordinate; null: no limit; empty: no limits at all", unit="m or rad"
     )
     upper: list[float | None] = key(
-        [], "upper limit of each coordinate; null: none; empty: none at all", unit="m or rad"
+        [], "upper limit of each coordinate; null: no limit; empty: no limits at all", unit="m or rad"
     )
     gamma: float | None = key(
         None,

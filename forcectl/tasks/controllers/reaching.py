@@ -95,7 +95,7 @@ class ReactiveReachingConfig(TaskControllerConfig):
     """Scenario part `!ReactiveReaching`."""
 
     targets: list[ReachConfig] = key(
-        [], "target poses of the TCPs over time; with `tasks` empty, as tasks have their own targets"
+        [], "target poses of the TCPs over time; only without tasks, which have targets of their own"
     )
     random_moves: RandomMovesConfig = key(RandomMovesConfig, "random moves of all arms, instead of targets")
     modes: list[ModeConfig] = key(
