@@ -1,4 +1,4 @@
-"""What is to be run next: the trials of a shard that have no row, and repetitions as long as they are needed."""
+"""The trials to run next: those of a shard that have no row, and repetitions as long as they are needed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from forcectl.sweeps.batches import Batches, Group, Task
 from forcectl.sweeps.results import Row
 from forcectl.sweeps.study import Study
 
-ROUND = 10  # repetitions between two looks at an interval
+ROUND = 10  # repetitions between two evaluations of an interval
 
 
 def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -38,10 +38,10 @@ class Agenda:
     Args:
         study: the sweep.
         shard: number of the shard from 0, and how many there are.
-        rows: that there are already.
+        rows: those that exist already.
 
     Attributes:
-        done: how many of the asked trials have a row.
+        done: number of requested trials that have a row.
     """
 
     def __init__(self, study: Study, shard: tuple[int, int], rows: Iterable[Row]):
@@ -64,16 +64,16 @@ class Agenda:
 
     @property
     def asked(self) -> list[int]:
-        """Trials that are needed as far as is known, in order."""
+        """Trials known so far to be needed, in order."""
         return sorted(self._asked)
 
     @property
     def total(self) -> int:
-        """How many those are."""
+        """Number of trials known so far to be needed."""
         return len(self._asked)
 
     def take(self) -> Task | None:
-        """What to run next; None where there is nothing now."""
+        """The next task; None if there is none now."""
         if not self._waiting:
             if not self._again:
                 return None
@@ -83,16 +83,16 @@ class Agenda:
         size = self._batches.size(waiting[0])
         numbers = tuple(waiting.popleft() for _ in range(min(max(size, 1), len(waiting))))
         del self._waiting[group]
-        if waiting:  # the other groups first: stopped early, all arms have the same seeds
+        if waiting:  # other groups first, so that all arms have the same seeds if stopped early
             self._waiting[group] = waiting
         return Task(numbers, size > 0)
 
     def put_back(self, number: int) -> None:
-        """A trial that was taken is to be run again, by itself and after the others."""
+        """Schedule a trial that was taken to run again, by itself and after the others."""
         self._again.append(number)
 
     def finish(self, row: Row) -> None:
-        """A trial has its row."""
+        """Record the row of a finished trial."""
         self._finished[row["trial"]] = bool(row["success"])
         self.done += 1
         if self._study.config.repeat is not None:
@@ -108,7 +108,7 @@ class Agenda:
                 self._waiting.setdefault(self._batches.group(number), deque()).append(number)
 
     def _consider(self, group: tuple[int, int]) -> None:
-        """Ask for more of a group where all that was asked for is there, and is not enough."""
+        """Request more repetitions of a group if all requested ones are finished and its interval is too wide."""
         repeat = self._study.config.repeat
         assert repeat is not None
         asked = successes = 0

@@ -1,4 +1,4 @@
-"""A sweep at work: trials are handed to an engine, and what became of each is read from the results directory."""
+"""A running sweep: trials are handed to an engine, and the outcome of each is read from the results directory."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from forcectl.sweeps.results import Results, Row
 from forcectl.sweeps.study import Study, unknown_metrics
 from forcectl.sweeps.trial import cost, row_of, timeout_reason
 
-DEATHS = 3  # of the process of a trial, after which it is lost
-_LOOK = 1.0  # [s] between two looks at trials that other programs have
+DEATHS = 3  # deaths of the process of a trial, after which the trial is lost
+_LOOK = 1.0  # [s] between two checks of trials that other processes run
 
 
 @dataclass(frozen=True)
 class SweepProgress:
-    """How far a sweep is: trials finished, needed as far as is known, failed, and lost."""
+    """Progress of a sweep: number of trials finished, known so far to be needed, failed, and lost."""
 
     done: int
     total: int
@@ -41,7 +41,7 @@ def engine_of(
     workers: int | None,
     scheduler: str | None,
 ) -> Engine:
-    """What runs the trials: Dask where a scheduler is named, else this process or processes of its own.
+    """The engine that runs the trials: Dask if a scheduler is named, else this process or worker processes.
 
     Args:
         study: the sweep.
@@ -52,7 +52,7 @@ def engine_of(
         scheduler: address of a Dask scheduler; None: none.
 
     Raises:
-        BadInputError: the scheduler is not of use.
+        BadInputError: the scheduler cannot be used.
     """
     if scheduler is not None:
         from forcectl.sweeps.dask_engine import DaskEngine
@@ -64,12 +64,12 @@ def engine_of(
 
 
 class SweepRun:
-    """A sweep at work.
+    """A running sweep.
 
     Args:
         study: the sweep.
         results: its directory.
-        agenda: what is to be run.
+        agenda: the trials to run.
         rows: of finished trials, by number; those of new ones are added.
         fail_fast: stop at the first failed trial.
         timeout: of a trial [s]; None: none.
@@ -92,12 +92,12 @@ class SweepRun:
         self._lost: set[int] = set()
         self._failed = sum(row["state"] == "failed" for row in rows.values())
         self._unseen = unknown_metrics(study.config)
-        self._seen: dict[str, set[str]] = {}  # metrics by arm, while there are unseen ones
+        self._seen: dict[str, set[str]] = {}  # metrics of the first trial by arm, while some are unseen
         for row in rows.values():
             self._see(row)
 
     def all(self, engine: Engine) -> None:
-        """Run what is to be run."""
+        """Run all trials of the agenda."""
         elsewhere = self._others()
         with self._closing(engine):
             while True:
@@ -115,7 +115,7 @@ class SweepRun:
 
     @contextlib.contextmanager
     def _closing(self, engine: Engine) -> Iterator[None]:
-        """End the engine whatever happens; what it was at is pending again."""
+        """Context that closes the engine in any case; its unfinished trials are pending again."""
         try:
             yield
         finally:
@@ -123,7 +123,7 @@ class SweepRun:
             self._results.tidy(self._lost)
 
     def _others(self) -> set[int]:
-        """Trials that a program which is gone has left running somewhere."""
+        """Trials without a row that a living process still runs, such as one that an earlier program has started."""
         marks = self._results.marks()
         return {number for number, lives in marks.items() if lives and number not in self._rows}
 
@@ -134,7 +134,7 @@ class SweepRun:
         return None
 
     def _look(self, elsewhere: set[int]) -> None:
-        """What became of the trials that other programs have."""
+        """Check the trials that other processes run: take their rows, or run them here if the process has died."""
         for number in list(elsewhere):
             row = self._results.row(number)
             if row is not None:
@@ -145,7 +145,7 @@ class SweepRun:
                 self._agenda.put_back(number)
 
     def _end(self, ended: EndedTask) -> None:
-        """A task has ended: the rows of its trials say how; those without one are run again, each by itself."""
+        """Read the rows of the trials of an ended task; those without a row are run again, each by itself."""
         if ended.result:
             raise StorageError(ended.result)
         for number in ended.task.trials:
@@ -168,7 +168,7 @@ class SweepRun:
         if not ended.cancelled or self._results.begun(number):
             self._deaths[number] = self._deaths.get(number, 0) + 1
         if not self._results.owned(number):
-            self._results.release(number)  # what died once is not counted again
+            self._results.release(number)  # so that one death is not counted twice
         if self._deaths.get(number, 0) < DEATHS:
             self._agenda.put_back(number)
             return
@@ -185,7 +185,7 @@ class SweepRun:
                 raise RunFailedError(f"trial {row['trial']} failed: {row['reason']}")
 
     def _see(self, row: Row) -> None:
-        """BadInputError for a metric that is asked for and that no first trial of any arm has."""
+        """Raise BadInputError for a requested metric that the first trial of no arm has."""
         if not self._unseen or row["state"] != "done":
             return
         self._seen.setdefault(self._study.trial(row["trial"]).arm, {*row["metrics"]})
@@ -196,6 +196,6 @@ class SweepRun:
             raise unknown_metric(name, known).at(key)
 
     def tell(self) -> None:
-        """Say how far the sweep is."""
+        """Report the progress."""
         if self._progress is not None:
             self._progress(SweepProgress(self._agenda.done, self._agenda.total, self._failed, len(self._lost)))

@@ -1,4 +1,4 @@
-"""The keys of a sweep, the values that each takes, a list or a distribution, and the points that are drawn of them.
+"""The keys of a sweep, the values of each as a list or a distribution, and the points that are drawn from them.
 
 Distributions have the tags and keys of `pydrake.common.schema` (`!Deterministic`, `!Gaussian`, `!Uniform`,
 `!UniformDiscrete`), and `!LogUniform {min, max}` for what spans decades. From Python they may be Drake's objects.
@@ -35,8 +35,8 @@ DISTRIBUTIONS: dict[str, tuple[str, ...]] = {
 _OF_DRAKE = (schema.Deterministic, schema.Gaussian, schema.Uniform, schema.UniformDiscrete)
 MOST_TRIALS = 10_000_000
 _CHUNK = 4096  # points that are drawn at once where conditions refuse some
-_GIVE_UP = 20  # as many draws as wanted points, and no point more
-_WITHIN = 1e-12  # quantiles of 0 and 1 may be infinite
+_GIVE_UP = 20  # draws per wanted point, after which drawing stops
+_WITHIN = 1e-12  # distance from 0 and 1, whose quantiles may be infinite
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ class Axis:
     """A key of a sweep.
 
     Attributes:
-        key: of the scenario, with dots.
-        values: that it takes; empty for a distribution.
-        labels: of the values, as they stand in tables.
+        key: dotted key of the scenario.
+        values: that the key takes; empty for a distribution.
+        labels: of the values, as tables show them.
         distribution: tag of the distribution; "" for a list.
-        numbers: of the distribution, by name.
+        numbers: parameters of the distribution, by name.
     """
 
     key: str
@@ -68,11 +68,11 @@ class Axis:
         return np.minimum(np.floor(uniform * len(self.values)), len(self.values) - 1)
 
     def value(self, coordinate: float) -> Any:
-        """What a coordinate stands for, as the scenario gets it."""
+        """The value of a coordinate, as set in the scenario."""
         return coordinate if self.distribution else self.values[round(coordinate)]
 
     def label(self, coordinate: float) -> Any:
-        """What a coordinate stands for, as a table shows it: a number, true or false, or text."""
+        """The value of a coordinate, as a table shows it: a number, true or false, or text."""
         return coordinate if self.distribution else self.labels[round(coordinate)]
 
 
@@ -183,7 +183,7 @@ def draw(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) ->
     Args:
         config: with the design.
         axes: the varied keys.
-        conditions: on their values; random and Sobol points go on until as many meet them as are wanted.
+        conditions: on their values; random and Sobol points are drawn until enough of them meet the conditions.
 
     Raises:
         BadInputError: no point meets the conditions, or a key does not suit the design.
@@ -220,7 +220,7 @@ def draw(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) ->
 
 
 def _uniform(config: SweepConfig, size: int, conditions: bool) -> Iterator[Array]:
-    """Points in the unit cube, in pieces."""
+    """Points in the unit cube, in chunks."""
     generator, wanted = np.random.default_rng(config.seed), config.trials or 1
     if config.design == "latin_hypercube":
         yield qmc.LatinHypercube(size, seed=generator).random(wanted)
@@ -228,7 +228,7 @@ def _uniform(config: SweepConfig, size: int, conditions: bool) -> Iterator[Array
     sobol = qmc.Sobol(size, seed=generator) if config.design == "sobol" else None
     while True:
         count = max(wanted, _CHUNK) if conditions else wanted
-        # Sobol points come in powers of two; of the last ones those that are too many are left out.
+        # Sobol points are drawn in powers of two; surplus ones at the end are left out.
         yield generator.random((count, size)) if sobol is None else sobol.random_base2((count - 1).bit_length())
 
 

@@ -1,8 +1,8 @@
 """Which trials of a sweep run side by side, as the elements of one diagram.
 
-A trial runs in a batch when its scenario is one of one dimension whose parts know of batches, and another one of the
-plan differs from it only in what the elements of a batch may differ in. That follows from the plan alone. In a batch of
-whatever size a trial gives the same bits; those of the scenario run by itself are the same to rounding.
+A trial runs in a batch if its scenario is one-dimensional with parts that support batches, and another trial of the
+plan differs from it only in values that may differ between batch elements. This follows from the plan alone. A trial
+gives the same bits in a batch of any size; the scenario run by itself gives the same values to rounding.
 """
 
 from __future__ import annotations
@@ -19,17 +19,19 @@ from forcectl.sweeps.study import Study
 
 
 class Task(NamedTuple):
-    """What a process is given: trials, and whether they run in a batch; more than one only in a batch."""
+    """Trials for a process to run, and whether they run in a batch; more than one only in a batch."""
 
     trials: tuple[int, ...]
     batch: bool
 
 
-Group = tuple[int, int]  # of trials that may be in one batch: place of the arm, and of the structure
+Group = tuple[int, int]  # trials that may be in one batch: index of the arm, and of the structure
 
 
 class Batches:
     """The groups of trials that may be in one batch.
+
+    A structure is one combination of the values that all elements of a batch must share.
 
     Args:
         study: the sweep.
@@ -64,5 +66,5 @@ class Batches:
     def _found(self, trial: int) -> int:
         try:
             return batch_size(self._study.scenario(self._study.trial(trial)))
-        except BadInputError:  # its row says so
+        except BadInputError:  # the row of the trial says so
             return 0

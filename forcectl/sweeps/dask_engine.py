@@ -21,7 +21,7 @@ from forcectl.sweeps.study import Study, versions
 
 CONNECT = 10.0  # [s] to reach a scheduler
 RESTART = 60.0  # [s] for workers to come back when all have died
-_LOOK = 2.0  # [s] between two questions for the number of workers
+_LOOK = 2.0  # [s] between two queries of the number of workers
 _GONE = "the scheduler is gone: start it again"
 _NO_WORKERS = "all workers are gone: start some again"
 PER_THREAD = 2  # tasks in flight: more stall the scheduler, fewer leave workers without work
@@ -33,12 +33,12 @@ class DaskEngine:
     Args:
         study: the sweep.
         results: its directory, which every worker must see under the same path.
-        timeout: of a trial [s], which workers look at now and then; None: none.
+        timeout: of a trial [s], which workers check from time to time; None: none.
         address: of the scheduler.
 
     Raises:
-        BadInputError: Dask is not installed, the scheduler cannot be reached, or its workers are none or have other
-            versions.
+        BadInputError: Dask is not installed, the scheduler cannot be reached, or it has no workers or workers with
+            other versions.
     """
 
     def __init__(self, study: Study, results: Results, timeout: float | None, address: str):
@@ -49,13 +49,13 @@ class DaskEngine:
             raise BadInputError(
                 f"--scheduler {address!r} needs Dask: install the extra with pip install 'forcectl[sweep]'"
             ) from None
-        # A scheduler that is gone is told in one line, and not by the traceback that Dask logs.
+        # A lost scheduler is reported in one line, not by the traceback that Dask logs.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         try:
-            resolve_address(address)  # a client that is given no address at all takes 20 s to end
+            resolve_address(address)  # a client with an invalid address takes 20 s to close
             client: Any = distributed.Client
             self._client = client(address, timeout=CONNECT, set_as_default=False)
-        except (OSError, TimeoutError, ValueError, TypeError) as error:  # the last one of tls:// without keys
+        except (OSError, TimeoutError, ValueError, TypeError) as error:  # TypeError: tls:// without keys
             reason = " ".join(str(error).split()) or type(error).__name__
             raise BadInputError(f"--scheduler {address!r} cannot be reached: {reason}") from None
         self._ended: queue.SimpleQueue[tuple[Task, Any]] = queue.SimpleQueue()
@@ -110,7 +110,7 @@ class DaskEngine:
     def submit(self, task: Task) -> None:
         """Hand a task to the scheduler."""
         with self._scheduler_there():
-            if self._shared is None or self._shared.status != "finished":  # lost with all workers that had it
+            if self._shared is None or self._shared.status != "finished":  # lost together with all workers that held it
                 self._shared = self._scattered()
             key = f"trial-{task.trials[0]}-{uuid.uuid4().hex}"
             future = self._client.submit(_run, self._shared, task, pure=False, retries=0, key=key)
@@ -118,7 +118,7 @@ class DaskEngine:
         future.add_done_callback(lambda done: self._ended.put((task, done)))
 
     def _scattered(self) -> Any:
-        """What every task needs, on the workers, which may be about to come back."""
+        """The data that every task needs, sent to the workers; waits for workers that restart."""
         deadline = time.monotonic() + RESTART
         while True:
             self._client.wait_for_workers(1, timeout=max(deadline - time.monotonic(), 0.1))
@@ -130,7 +130,7 @@ class DaskEngine:
                 time.sleep(0.5)
 
     def wait(self) -> list[EndedTask]:
-        """What has ended, by the word of the scheduler."""
+        """The tasks that have ended, as the scheduler reports."""
         found = []
         try:
             task, future = self._ended.get(timeout=0.5)
@@ -152,7 +152,7 @@ class DaskEngine:
         return EndedTask(task, death="the workers that had it died", cancelled=True)
 
     def close(self) -> None:
-        """Let go of the scheduler; trials at work there go on to their end."""
+        """Disconnect from the scheduler; trials that run there continue to their end."""
         with contextlib.suppress(Exception):  # the scheduler may be gone
             self._client.cancel(list(self._futures.values()), force=True)
         with contextlib.suppress(Exception):
@@ -160,7 +160,7 @@ class DaskEngine:
 
     @contextlib.contextmanager
     def _scheduler_there(self) -> Iterator[None]:
-        """Whatever the client raises becomes one line."""
+        """Context in which any error of the client becomes a one-line error."""
         try:
             yield
         except Exception as error:

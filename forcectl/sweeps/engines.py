@@ -1,7 +1,7 @@
-"""Where trials are run: in this process, or by `reported` in `Workers`. On Dask: `dask_engine`.
+"""Engines that run trials: in this process, or by `reported` in `Workers`. On Dask: `dask_engine`.
 
-An engine is asked to run trials and says which have ended; a result is why the results directory cannot be written.
-What became of trials is never taken from it, but read from that directory: one that ended without a row is run again.
+An engine runs tasks and reports which have ended; the result of a task says why the results directory cannot be
+written. The outcome of a trial is always read from that directory: one that ended without a row is run again.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from forcectl.sweeps.trial import run_task
 
 
 class Engine(Protocol):
-    """What runs trials."""
+    """Interface of an engine that runs trials."""
 
     @property
     def free(self) -> int:

@@ -1,4 +1,4 @@
-"""Shards put together, and what a results directory says of itself while others write it."""
+"""Merging shards, and the progress of a sweep from its results directory, also while it is written."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from forcectl.sweeps.results import Results, Row, identity_of
 from forcectl.sweeps.run_sweep import SweepResult, begin, stored, write_report, write_tables
 from forcectl.sweeps.study import study_of
 
-_RECENT = 200  # finished trials whose pace is that of the rest
+_RECENT = 200  # latest finished trials, from which the remaining time is estimated
 
 
 @dataclass(frozen=True)
 class SweepStatus:
-    """What there is in a results directory.
+    """Progress of a sweep, from its results directory.
 
     Attributes:
         name: of the sweep.
-        planned: trials of this shard, with `repeat` as far as is known.
+        planned: trials of this shard; with `repeat`, those known so far to be needed.
         counts: trials by state.
-        remaining_s: estimated time to the end [s]; None where nothing tells.
+        remaining_s: estimated time to the end [s]; None where it cannot be estimated.
     """
 
     name: str
@@ -40,7 +40,7 @@ class SweepStatus:
 
 
 def status(folder: str | Path) -> SweepStatus:
-    """How far a sweep is, while it runs or after.
+    """Progress of a sweep, while it runs or after.
 
     Args:
         folder: of its results.
@@ -74,12 +74,12 @@ def _remaining(rows: Sequence[Row], left: int) -> float | None:
 def merge(
     folders: Sequence[str | Path], out: str | Path, sweep: Any = None, allow_imports: Sequence[str] = ()
 ) -> SweepResult:
-    """Put the results of shards together; what is there already stays, so it can be done again.
+    """Merge the results of shards; rows that `out` has already stay, so that merging can be repeated.
 
     Args:
         folders: results directories of one sweep.
         out: directory of the whole; made if it is not there.
-        sweep: the sweep, where its text in the directories cannot say it: one with objects from Python.
+        sweep: the sweep, if it holds objects from Python and cannot be read from the directories.
         allow_imports: names of modules that the scenario may name, see `load_scenario`.
 
     Raises:
@@ -116,7 +116,7 @@ def merge(
 
 
 def _better(row: Row, other: Row | None, part: Path) -> bool:
-    """Whether a row is to stand for its trial instead of another one.
+    """Whether a row of a trial replaces another one.
 
     Raises:
         BadInputError: both are done, and differ in more than what they cost.

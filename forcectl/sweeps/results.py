@@ -1,17 +1,17 @@
-"""The directory of a sweep: everything that is known of it, in files that are complete or not there::
+"""The directory of a sweep: all information on it, in files that are either complete or absent::
 
     sweep.yaml       the sweep, with the content of its scenario
-    sweep.json       hash of the plan, versions, shard, number of trials, where the directory is
+    sweep.json       hash of the plan, versions, shard, number of trials, inode of the directory
     plan.parquet     every planned trial: number, point, arm, seed, keys
-    rows/            a file for each finished trial, written aside and given its name when complete
-    running/         a file for each trial at work: host, process, since when
+    rows/            a file for each finished trial, written under another name and renamed when complete
+    running/         a file (mark) for each running trial: host, process, since when
     logs/            kept logs
     signals/         recorded signals, for envelopes
-    trials.parquet   the table of results; costs.parquet: what they took
+    trials.parquet   the table of results; costs.parquet: computing and elapsed times
     report.html      figures and tables
 
 A trial is *done* or *failed* when it has a row, *running* when it has a mark whose process lives, *lost* when that
-process is gone, else *pending*. The directory says so by itself, whatever became of the programs that wrote it.
+process has ended, else *pending*. This follows from the directory alone, even if its programs were killed.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from forcectl.runs.claims.lock import writing
 FORMAT = 2
 IDENTITY = "sweep.json"
 SWEEP = "sweep.yaml"
-BEAT = 2.0  # [s] between two signs of life of a mark
-SILENT = 60.0  # [s] after which the owner of a mark on another machine is taken for dead
+BEAT = 2.0  # [s] between two updates of a mark, its signs of life
+SILENT = 60.0  # [s] without such an update, after which the owner of a mark on another machine counts as dead
 _PER_FOLDER = 1000
 _HALF = re.compile(r"\.\d+-.+|\..+\.(\d+|partial)")  # names of what is being written
-_STARTED = 19  # which of the fields of /proc/PID/stat, after the name, is the time of its start
+_STARTED = 19  # index of the start time among the fields of /proc/PID/stat after the name
 
 Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Owner:
-    """A process: its machine, number and start, which tells it from a later one of the same number."""
+    """A process: its machine, number and start time, which distinguishes it from a later one of the same number."""
 
     host: str
     pid: int
@@ -57,10 +57,10 @@ class Owner:
         return Owner(socket.gethostname(), os.getpid(), _start_of(os.getpid()))
 
     def lives(self, beat: float) -> bool:
-        """Whether the process is at work.
+        """Whether the process is alive.
 
         Args:
-            beat: time of its last sign of life [s since 1970], which counts where it is on another machine.
+            beat: time of its last sign of life [s since 1970], used if it is on another machine.
         """
         if self.host != socket.gethostname():
             return time.time() - beat < SILENT
@@ -74,7 +74,7 @@ class Owner:
 
 
 def _start_of(pid: int) -> str:
-    """When a process began, in ticks since the machine did; "" where the system does not say, or for a zombie."""
+    """Start time of a process, in clock ticks since boot; "" where it is unknown, or for a zombie."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
@@ -97,11 +97,11 @@ class Results:
     # --- rows ---------------------------------------------------------------------------------------------------
 
     def row_path(self, trial: int) -> Path:
-        """Where the row of a trial stands."""
+        """Path of the row of a trial."""
         return self._numbered("rows", trial, ".json")
 
     def write_row(self, row: Row) -> bool:
-        """Make a row durable; returns False where the trial has one, which stays.
+        """Write a row to disk; returns False where the trial already has one, which stays.
 
         Raises:
             StorageError: it cannot be written.
@@ -139,7 +139,7 @@ class Results:
         return row
 
     def set_aside(self, trial: int) -> None:
-        """Keep the row of a failed trial beside, so that the trial runs again."""
+        """Rename the row of a failed trial, so that the trial runs again."""
         path = self.row_path(trial)
         with writing(self.folder):
             number = sum(1 for _ in path.parent.glob(f"{path.stem}.retried-*"))
@@ -148,7 +148,7 @@ class Results:
     # --- marks --------------------------------------------------------------------------------------------------
 
     def claim(self, trial: int) -> bool:
-        """Mark a trial as at work in this process; False where another living process has it."""
+        """Mark a trial as running in this process; returns False where another living process runs it."""
         mark = self._mark(trial)
         text = json.dumps({**vars(Owner.here()), "since": time.time()})
         with self._aside(mark) as aside:
@@ -158,18 +158,18 @@ class Results:
             return _linked(aside, mark)
 
     def lose(self, trial: int, reason: str) -> None:
-        """Note why a trial has no row, and whose processes died, more often than is by chance."""
+        """Mark a trial as lost, with the reason: its processes died more often than by chance."""
         mark = self._mark(trial)
         text = json.dumps({"host": socket.gethostname(), "pid": 0, "started": "none", "reason": reason})
         self.write(mark, lambda path: path.write_text(text, encoding="utf-8"))
 
     def release(self, trial: int) -> None:
-        """Take the mark of a trial away."""
+        """Remove the mark of a trial."""
         with contextlib.suppress(OSError):
             self._mark(trial).unlink(missing_ok=True)
 
     def beat(self, trial: int) -> None:
-        """Give a sign of life."""
+        """Update the time of the mark of a trial, as a sign of life."""
         with contextlib.suppress(OSError):
             os.utime(self._mark(trial))
 
@@ -187,7 +187,7 @@ class Results:
         return {int(path.stem): self.owned(int(path.stem)) for path in self._files("running")}
 
     def tidy(self, lost: Container[int] = ()) -> None:
-        """Remove what processes that are gone have left: marks and, where none is at work, half-written files.
+        """Remove what ended processes have left: marks and, where no process is running, half-written files.
 
         Args:
             lost: trials whose marks stay.
@@ -209,15 +209,15 @@ class Results:
     # --- further files --------------------------------------------------------------------------------------------
 
     def log_path(self, trial: int) -> Path:
-        """Where the kept log of a trial stands."""
+        """Path of the kept log of a trial."""
         return self._numbered("logs", trial, ".nc")
 
     def signals_path(self, trial: int) -> Path:
-        """Where the recorded signals of a trial stand."""
+        """Path of the recorded signals of a trial."""
         return self._numbered("signals", trial, ".npz")
 
     def write(self, path: Path, fill: Callable[[Path], object]) -> None:
-        """Let `fill` write a file aside, then give it its name.
+        """Let `fill` write a temporary file, then rename it to `path`.
 
         Raises:
             StorageError: it cannot be written.
@@ -228,7 +228,7 @@ class Results:
 
     @contextlib.contextmanager
     def _aside(self, path: Path) -> Iterator[Path]:
-        """Where a file is written before it gets its name; gone in the end.
+        """Context with the path of a temporary file, to be renamed when complete; removed at the end.
 
         Raises:
             StorageError: something could not be written.
@@ -256,7 +256,7 @@ class Results:
 
 
 def _linked(aside: Path, target: Path) -> bool:
-    """Give a file its name; unlike a renaming this never replaces what another process wrote, and is False there."""
+    """Give a file its name by a hard link; returns False where the name exists, which a renaming would replace."""
     try:
         os.link(aside, target)
     except FileExistsError:
@@ -273,7 +273,7 @@ def _owner(path: Path) -> tuple[Owner, float] | None:
 
 
 def identity_of(folder: Path) -> dict[str, Any]:
-    """What a results directory says of itself.
+    """The content of `sweep.json` in a results directory.
 
     Raises:
         BadInputError: it is none, or of another version of this program.

@@ -1,4 +1,4 @@
-"""Running a sweep: plan, engine, table, report; and going on with one that was stopped."""
+"""Running a sweep: plan, engine, table, report; and resuming one that was stopped."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class SweepResult:
     Attributes:
         table: a row for each trial, see `forcectl.sweeps.table`.
         directory: of the results; None where none was asked for.
-        notes: what there is to say of the plan and the directory.
+        notes: remarks on the plan and the directory.
     """
 
     table: pd.DataFrame
@@ -89,14 +89,14 @@ def sweep(
         sweep: path of a sweep file or name of a shipped one, its content as a mapping, or a `SweepConfig`; with
             `resume` also the directory of a sweep.
         out: directory of the results; None keeps the table only.
-        resume: go on with the sweep in `out`.
-        retry_failed: run what failed again; goes with `resume`.
+        resume: continue the sweep in `out`.
+        retry_failed: run failed trials again; needs `resume`.
         fail_fast: stop at the first trial that fails.
         shard: number from 1, and how many shards there are: (2, 4) runs a quarter of the points.
         engine: "processes", or "sequential" for one after the other in this process.
         workers: processes; None: one per processor.
         scheduler: address of a Dask scheduler, which runs the trials instead.
-        trial_timeout: longest computing time of a trial [s]; None: any.
+        trial_timeout: longest elapsed time of a trial [s]; None: no limit.
         report: write the page with the figures, too, where there is a directory.
         allow_imports: names of modules that the scenario may name, see `load_scenario`.
         progress: called now and then.
@@ -146,14 +146,14 @@ def sweep(
         agenda = Agenda(study, part, rows.values())
         with at_lines(file):
             run = SweepRun(study, results, agenda, rows, fail_fast, trial_timeout, progress)
-        run.tell()  # from here on there is something to go on with
+        run.tell()  # from here on the sweep can be resumed
         if agenda.done < agenda.total:
             started = engine_of(study, results, trial_timeout, engine, workers, scheduler)
             try:
                 with at_lines(file):
                     run.all(started)
             except (RunFailedError, KeyboardInterrupt, BadInputError):
-                with contextlib.suppress(StorageError):  # what stopped the sweep is told, not what follows from it
+                with contextlib.suppress(StorageError):  # the error that stopped the sweep is raised
                     write_tables(study, results, agenda, rows)
                 raise
         table = write_tables(study, results, agenda, rows)
@@ -192,7 +192,7 @@ def stored(folder: Path, sweep: Any = None) -> SweepFile:
 
     Args:
         folder: the directory.
-        sweep: as it was given from Python, where the directory cannot tell.
+        sweep: as it was given from Python; needed if it holds objects from Python.
 
     Raises:
         BadInputError: it is none, or its sweep holds objects from Python and is not given.
@@ -247,7 +247,7 @@ def _identity(study: Study, folder: Path, part: tuple[int, int]) -> dict[str, An
         "shard": list(part),
         "writable": study.writable,
         "begun": time.time(),
-        "inode": folder.stat().st_ino,  # that of a copy is another one
+        "inode": folder.stat().st_ino,  # differs in a copy of the directory
     }
 
 

@@ -1,7 +1,7 @@
 """The plan of a sweep: points, seeds and arms, numbered, before anything runs.
 
-Trial numbers count arms fastest, then seeds, then points. Everything follows from the sweep, so a number says all that
-there is to know of a trial.
+Trial numbers count arms fastest, then seeds, then points. Everything follows from the sweep, so a number
+determines its trial completely.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, with_scenario
 
 CASE = "case"  # the axis of the cases
 _PACKAGES = ("drake", "numpy", "scipy")
-_TRIED = 200  # values of lists that are read before anything runs
+_TRIED = 200  # largest number of values of a list that are read before anything runs
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Study:
 
     @property
     def seeded_by_point(self) -> bool:
-        """Whether a drawn point has its number as seed, where `seeds` does not say."""
+        """Whether the number of a point is its seed where `seeds` is not given: for drawn points."""
         return self.config.design not in ("grid", "saltelli")
 
     @property
@@ -109,12 +109,12 @@ class Study:
         return Trial(number, point, seed, self.arms[arm])
 
     def split(self, number: Any) -> tuple[Any, Any, Any]:
-        """Point, repetition and place of the arm of a number, or of each in an array."""
+        """Point, repetition and index of the arm of a trial number, or of each in an array."""
         rest, arm = divmod(number, len(self.arms))
         return *divmod(rest, len(self.seeds or [0])), arm
 
     def group(self, number: int) -> tuple[int, int]:
-        """The trials of one point and arm, whose seeds differ, have the same group."""
+        """The group of a trial: its point and arm. Trials of one group differ in their seeds only."""
         point, _, arm = self.split(number)
         return point, arm
 
@@ -124,7 +124,7 @@ class Study:
         return (point * len(self.seeds or [0]) + repetition) * len(self.arms) + arm
 
     def overrides(self, trial: Trial) -> dict[str, Any]:
-        """What a trial changes in the scenario, dotted key -> value."""
+        """The changes of a trial to the scenario, dotted key -> value."""
         values = {axis.key: axis.value(x) for axis, x in zip(self.axes, self.points[trial.point].tolist(), strict=True)}
         case = values.pop(CASE, {})
         changes = {**self.config.overrides, **values, **case, **self.config.arms.get(trial.arm, {})}
@@ -153,19 +153,19 @@ class Study:
 
 
 def versions() -> dict[str, str]:
-    """What the results of a sweep depend on."""
+    """The versions that the results of a sweep depend on."""
     return {"forcectl": forcectl.__version__, **{name: metadata.version(name) for name in _PACKAGES}}
 
 
 def study_of(sweep: SweepFile, allow_imports: Sequence[str] = ()) -> Study:
-    """The study that a sweep describes; everything in it that can be checked beforehand is checked.
+    """The study that a sweep describes; all that can be checked before a run is checked.
 
     Args:
         sweep: as read.
         allow_imports: names of modules that the scenario may name, see `load_scenario`.
 
     Raises:
-        BadInputError: no scenario of that name, a key that it has not, a design without points, ...
+        BadInputError: no scenario of that name, a key that does not exist, a design without points, ...
     """
     with at_lines(sweep):
         return _study_of(sweep, allow_imports)
@@ -173,7 +173,7 @@ def study_of(sweep: SweepFile, allow_imports: Sequence[str] = ()) -> Study:
 
 @contextmanager
 def at_lines(sweep: SweepFile) -> Iterator[None]:
-    """Errors raised within about a key of the sweep say its file and line."""
+    """Context that adds file and line to errors about a key of the sweep."""
     try:
         yield
     except BadInputError as error:
@@ -184,7 +184,7 @@ def at_lines(sweep: SweepFile) -> Iterator[None]:
 
 def _study_of(sweep: SweepFile, allow_imports: Sequence[str]) -> Study:
     config = sweep.config
-    # Modules beside the sweep, not those that lie beside whatever scenario it names.
+    # Modules beside the sweep file may be named, not those beside the scenario that it names.
     modules = sweep.modules if isinstance(config.scenario, str | Path) else None
     file = as_file(config.scenario, allow_imports, modules)
     try:
@@ -210,7 +210,7 @@ def _study_of(sweep: SweepFile, allow_imports: Sequence[str]) -> Study:
 
 
 def _try_values(study: Study, sweep: SweepFile) -> None:
-    """Read every arm, value of a list and end of what is drawn once, and build every arm, before anything runs."""
+    """Read each arm, listed value, smallest and largest drawn value once, and build each arm, before anything runs."""
     numbers = dict.fromkeys(range(len(study.arms)))
     units: dict[str, str] = {}  # of the keys of all arms
     for i, axis in enumerate(study.axes):
@@ -227,7 +227,7 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
         changes = study.overrides(trial)
         try:
             scenario = resolve(study.file, study.variant, changes)
-            # One that is tried out, shorter than it was written, keeps its conditions.
+            # With another duration, such as a shorter trial, conditions on times are not refused.
             longest = max(longest, math.inf if "duration" in changes else scenario.duration)
             analyses |= {to_tree(each, "analysis").tag or "" for each in scenario.analyses.values()}
             if number < len(study.arms):
@@ -238,7 +238,7 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
                     text = f" makes the same scenario as arm {twin!r}: must change something else"
                     raise BadInputError(text, key=f"arms.{trial.arm}")
                 loop = build(scenario, origins(study.file, study.variant, changes))
-                # Metrics of an analysis of the user's are known once there is a log.
+                # Metrics of a user's analysis are known only once there is a log.
                 rooms = [type(each).__module__ for each in scenario.analyses.values()]
                 own_metrics = own_metrics or not all(room.startswith("forcectl.") for room in rooms)
                 fronts = [contact.name for contact in loop.workcell.contacts]
@@ -258,12 +258,12 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
 
 
 def unknown_metrics(config: SweepConfig) -> dict[str, str]:
-    """Metrics that the sweep asks for, by key, that no run has by itself: they must be those of a user's analysis."""
+    """Requested metrics, by key, that no run has by itself: they must come from a user's analysis."""
     return {key: name for key, name in reversed(_asked(config)) if not is_metric(name)}
 
 
 def _asked(config: SweepConfig) -> list[tuple[str, str]]:
-    """The metrics that the sweep asks for, with their keys."""
+    """The metrics that the sweep requests, with their keys."""
     asked = [(key, name) for key, condition in _conditions(config) for name in condition.names]
     if config.worst is not None:
         asked.append(("worst.metric", config.worst.metric))
@@ -280,14 +280,16 @@ def _conditions(config: SweepConfig) -> list[tuple[str, Expression]]:
 
 
 def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str], analyses: set[str], longest: float) -> None:
-    """BadInputError for conditions that are settled, and for the name of a metric that no run has.
+    """Raise BadInputError for conditions that are always true or false, and for metrics that no run has.
 
-    One of a shipped analysis must be of one that a trial has, with these tags, `analyses`.
-    A time is at most that of the longest trial [s].
-    Of a mode, it must not look like another one that the state machine of an arm has, of these `modes`.
+    A condition that a metric is not negative is allowed: it is true only where the metric has a value.
 
-    That a metric is not negative may be asked for: it is so where there is one. Of a scenario with an analysis of the
-    user's, `own`, names are looked at with the first trials, see `SweepRun`.
+    Args:
+        config: of the sweep.
+        own: whether there is a user's analysis; names are then checked after the first trials, see `SweepRun`.
+        modes: of the state machines of all arms; a metric of an unknown mode with a similar name is refused.
+        analyses: tags of the analyses of the trials; a metric of a shipped analysis needs one of them.
+        longest: duration of the longest trial [s], which bounds all times.
     """
     for key, condition in _conditions(config):
         check_units(condition, compared_unit, key)
@@ -301,13 +303,13 @@ def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str], analyse
                 raise BadInputError(f" asks for {name}: must go with an analysis !{' or !'.join(makers)}", key=key)
     for key, name in _asked(config):
         mode, _, last = name.rpartition(".")
-        # One that is not like any may be of an arm that is left out here.
+        # An unknown mode without a similar name may be that of an arm that is not examined here.
         if last in MODE_METRICS and mode not in modes and difflib.get_close_matches(mode, modes):
             raise unknown("mode", mode, modes).at(key)
 
 
 def _check_surfaces(config: SweepConfig, surfaces: Sequence[str]) -> None:
-    """BadInputError for a metric of another surface than those of all arms, unless trials may have others."""
+    """Raise BadInputError for a metric of a surface that no arm has, unless trials may have other surfaces."""
     varied = [*config.keys, *itertools.chain(*config.cases.values())]
     if any(overlap(key, "station.environment") for key in varied):
         return
@@ -332,17 +334,17 @@ def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) 
     ]
     for place, keys in places:
         for key in keys:
-            # Of a key that there is not, the error names the first part that is wrong.
+            # For a key that does not exist, the error names its first wrong part.
             if overlap(error.key, key):
                 return error.at(error.key, sweep.where(f"{place}.{key}") or f"{place}.{key}")
-    # What is missing beside a key that makes the part around both.
+    # A key is missing in a part that exists only because the sweep sets another key of it.
     depth, at, key = max((_shared(error.key, key), f"{place}.{key}", key) for place, keys in places for key in keys)
     made = BadInputError(f"{error.at(error.key)}{_meant(study.file.tree, key.split('.')[:depth])}")
     return made.at(at, sweep.where(at))
 
 
 def _shared(one: str, other: str) -> int:
-    """How many parts two dotted keys have in common from the first one on."""
+    """Number of leading parts that two dotted keys have in common."""
     same = (a == b for a, b in zip(one.split("."), other.split("."), strict=False))
     return sum(itertools.takewhile(bool, same))
 

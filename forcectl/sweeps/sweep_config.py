@@ -29,18 +29,22 @@ MOST_SEEDS = 1_000_000  # of a point
 
 @dataclass(kw_only=True)
 class RepeatConfig(Config):
-    """Key `repeat`: every point is run with seeds 0, 1, 2 ... until its success rate is known well enough."""
+    """Key `repeat`: every point is run with seeds 0, 1, 2 ... until its success rate has a narrow interval."""
 
-    half_width: float = key(0.1, "largest half width of the Wilson interval", bounds="above 0 and at most 0.5")
-    confidence: float = key(0.95, "of that interval", bounds="from 0.5 to 0.9999")
-    at_least: int = key(10, "trials of a point", bounds="from 1 to 1000000")
-    at_most: int = key(200, "trials of a point", bounds="from 1 to 1000000")
+    half_width: float = key(
+        0.1,
+        "half width of the success rate's Wilson interval at which repetition stops",
+        bounds="above 0 and at most 0.5",
+    )
+    confidence: float = key(0.95, "confidence level of the success rate's Wilson interval", bounds="from 0.5 to 0.9999")
+    at_least: int = key(10, "smallest number of trials of each point and arm", bounds="from 1 to 1000000")
+    at_most: int = key(200, "largest number of trials of each point and arm", bounds="from 1 to 1000000")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.at_most < self.at_least:
             raise invalid("at_most", self.at_most, f"at least at_least = {self.at_least}")
-        square = NormalDist().inv_cdf(0.5 + 0.5 * self.confidence) ** 2  # of the deviations of the interval
+        square = NormalDist().inv_cdf(0.5 + 0.5 * self.confidence) ** 2  # of the normal quantile of the interval
         if self.at_most < (least := square * (0.5 / self.half_width - 1)):
             enough = f"at least {math.ceil(least)}: no interval of fewer trials has half_width = {self.half_width:g}"
             raise invalid("at_most", self.at_most, enough)
@@ -48,20 +52,22 @@ class RepeatConfig(Config):
 
 @dataclass(kw_only=True)
 class WorstConfig(Config):
-    """Key `worst`: the trials with the largest values of a metric are run again at the end and kept whole."""
+    """Key `worst`: the trials with the largest values of a metric are run again at the end and stored in full."""
 
-    metric: str = key(meaning="that ranks the trials")
-    smallest: bool = key(False, "the smallest values are the worst")
-    count: int = key(1, "trials that are kept", bounds="from 1 to 100")
-    replay: bool = key(True, "of the worst one also a replay in three dimensions")
+    metric: str = key(meaning="name of the metric that ranks the trials")
+    smallest: bool = key(False, "true: the smallest values of the metric are the worst; false: the largest")
+    count: int = key(1, "number of worst trials that are stored in full", bounds="from 1 to 100")
+    replay: bool = key(True, "also write a 3-D replay of the worst trial")
 
 
 @dataclass(kw_only=True)
 class ShareOverConfig(Config):
-    """Key `share_over`: how many trials meet a condition with at most so much of a metric, over that."""
+    """Key `share_over`: share of trials that meet a condition with at most some value of a metric, over this value."""
 
-    metric: str = key(meaning="such as a force, of which little is good")
-    condition: str = key(meaning="on the metrics, without that limit")
+    metric: str = key(meaning="name of the metric over which the share is drawn, best if small, such as a force")
+    condition: str = key(
+        meaning="condition on the metrics for a trial to count, without a limit on the metric of the share"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -73,28 +79,40 @@ class SweepConfig(Config):
     """A sweep file."""
 
     title: str = key("", "heading of the report")
-    description: str = key("", "what is to be seen")
-    scenario: Any = key(meaning="name of an experiment, path of a scenario file, or its content")
-    variant: str | None = key(None, "of the scenario; must be said where it has several")
-    overrides: dict[str, Any] = key({}, "values of scenario keys in all trials")
+    description: str = key("", "text below the heading of the report")
+    scenario: Any = key(meaning="scenario that is varied: name of an experiment, path of a file, or its content")
+    variant: str | None = key(None, "variant of the scenario; null: its only one; required where it has several")
+    overrides: dict[str, Any] = key({}, "values of scenario keys that are the same in all trials")
     keys: dict[str, Any] = key({}, "scenario keys that are varied: each a list of values or a distribution")
-    constraints: list[str] = key([], "conditions on the varied keys; what meets them not is no trial")
+    constraints: list[str] = key([], "conditions on the varied keys; points that do not meet all of them are left out")
     design: str = key("grid", "how the values of the keys are combined", choices=DESIGNS)
-    trials: int | None = key(None, "points to draw (not of a grid)", bounds="from 1 to 1000000")
-    seed: int = key(0, "of the draws", bounds="not negative")
-    seeds: Any = key(None, "seeds of each point: how many, or a list; null: one")
-    cases: dict[str, Any] = key({}, "by name, values of scenario keys that belong together: varied as one key, `case`")
-    arms: dict[str, Any] = key({}, "by name, values of scenario keys; every arm runs on the same points and seeds")
-    success: str = key("", "condition on the metrics")
-    findings: dict[str, str] = key({}, "by name, conditions on the metrics to be noted of a trial")
-    compare: list[str] = key([], "arms whose successes are compared two by two, by McNemar's exact test")
-    share_over: ShareOverConfig | None = key(None, "a figure of successes over what is allowed of a metric")
-    shown: list[str] = key([], "metrics in tables and figures; empty: those of the conditions above")
-    repeat: RepeatConfig | None = key(None, "more seeds for a point until its success rate is known")
-    batches: bool = key(True, "false: every trial runs by itself; see Batches in docs/sweeps.md")
-    keep: str = key("failed", "logs that are kept", choices=KEEP)
-    worst: WorstConfig | None = key(None, "trials that are kept whole")
-    envelope: list[str] = key([], "signals that are recorded of all trials, for their range over time")
+    trials: int | None = key(
+        None, "number of points to draw, for saltelli the base number; null for a grid", bounds="from 1 to 1000000"
+    )
+    seed: int = key(0, "seed of the random draws of points", bounds="not negative")
+    seeds: Any = key(None, "seeds that each point is run with: how many, or a list; null: one")
+    cases: dict[str, Any] = key({}, "named sets of values of scenario keys that are varied together, as one key `case`")
+    arms: dict[str, Any] = key(
+        {}, "named sets of values of scenario keys to compare; every arm runs on the same points and seeds"
+    )
+    success: str = key("", "condition on the metrics for a trial to be a success; empty: none")
+    findings: dict[str, str] = key(
+        {}, "named conditions on the metrics; the table lists the names of those that a trial meets"
+    )
+    compare: list[str] = key([], "arms whose successes are compared in pairs by McNemar's exact test")
+    share_over: ShareOverConfig | None = key(
+        None, "figure of the share of successes over the allowed value of a metric; null: none"
+    )
+    shown: list[str] = key([], "metrics shown in tables and figures; empty: those of success, findings and worst")
+    repeat: RepeatConfig | None = key(
+        None, "further seeds for each point until its success rate is known; null: fixed seeds"
+    )
+    batches: bool = key(
+        True, "run similar one-dimensional trials side by side; false: each alone; see Batches in docs/sweeps.md"
+    )
+    keep: str = key("failed", "trials whose logs are kept", choices=KEEP)
+    worst: WorstConfig | None = key(None, "worst trials by a metric, run again and stored in full; null: none")
+    envelope: list[str] = key([], "signals recorded in all trials, to show their range over time")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -187,7 +205,7 @@ class SweepFile:
     """A sweep as given: its configuration, the scenario as a file, and how messages name its places.
 
     Attributes:
-        modules: folder whose modules a scenario that it names may name; None: that of the scenario.
+        modules: folder of Python modules that the scenario may name; None: the folder of the scenario.
     """
 
     name: str
@@ -232,7 +250,7 @@ def read_sweep(sweep: str | Path | Mapping[str, Any] | SweepConfig) -> SweepFile
     beside = folder / config.scenario if isinstance(config.scenario, str) else None
     if beside is not None and config.scenario not in list_experiments() and os.path.isfile(beside):
         config.scenario = str(beside.resolve())
-    elif isinstance(config.scenario, Mapping):  # its paths start from the folder of the sweep
+    elif isinstance(config.scenario, Mapping):  # its paths are relative to the folder of the sweep
         if getattr(config.scenario, "tag", None) is not None:
             wrong = invalid("scenario", config.scenario, "a name, a path, or a mapping of scenario keys without a tag")
             raise wrong.at("scenario", place(origin, lines, "scenario"))

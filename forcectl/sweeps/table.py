@@ -95,10 +95,10 @@ def trials_table(
 
 
 def without_effect(study: Study, table: pd.DataFrame) -> list[str]:
-    """Varied keys, and `seed`, of which no trial shows a trace: all metrics are equal where nothing else differs.
+    """Varied keys, and `seed`, without effect: all metrics are equal in trials that differ in nothing else.
 
     Args:
-        study: the sweep. Of points that are drawn no two differ in one key only, so nothing is said of several keys.
+        study: the sweep. Drawn points differ in all keys, so that several drawn keys are not judged.
         table: of results.
     """
     done = table[table["state"] == "done"]
@@ -114,7 +114,7 @@ def without_effect(study: Study, table: pd.DataFrame) -> list[str]:
 
 
 def costs_table(rows: Mapping[int, Row]) -> pd.DataFrame:
-    """What each finished trial took, see `forcectl.sweeps.trial.cost`."""
+    """The cost of each finished trial, see `forcectl.sweeps.trial.cost`."""
     import pandas as pd
 
     return pd.DataFrame([{"trial": number, **rows[number].get("cost", {})} for number in sorted(rows)])

@@ -25,21 +25,21 @@ from forcectl.sweeps.batches import Task
 from forcectl.sweeps.results import BEAT, Results, Row
 from forcectl.sweeps.study import Study, Trial
 
-ENVELOPE_POINTS = 401  # of a recorded signal
+ENVELOPE_POINTS = 401  # samples of a recorded signal
 
 
 class _TimeoutError(Exception):
-    """A trial has taken longer than it may."""
+    """A trial has exceeded its timeout."""
 
 
 def run_task(study: Study, results: Results, task: Task, timeout: float | None = None) -> None:
-    """Simulate trials and write their rows; not those that another process has, or that have a row.
+    """Simulate trials and write their rows, except those that another process runs or that have a row.
 
     Args:
         study: the sweep.
         results: its directory.
         task: the trials.
-        timeout: largest computing time of a trial [s], looked at now and then; None: any.
+        timeout: longest elapsed time of a trial [s], checked from time to time; None: none.
 
     Raises:
         StorageError: the directory cannot be written.
@@ -62,7 +62,7 @@ def run_task(study: Study, results: Results, task: Task, timeout: float | None =
 
 
 def _run_batch(study: Study, results: Results, trials: Sequence[Trial], timeout: float | None) -> None:
-    """Simulate trials side by side; those that are not sound, or stop the others, by themselves."""
+    """Simulate trials as one batch; a trial that cannot be simulated, or stops the others, runs alone."""
     clock, sound = _Clock(timeout), []
     for trial in trials:
         try:
@@ -92,18 +92,18 @@ def _run_batch(study: Study, results: Results, trials: Sequence[Trial], timeout:
 
 
 class _Clock:
-    """What has been spent since it was made, and how long that may go on [s]; None: for ever."""
+    """Elapsed and computing time since it was made, with a timeout [s]; None: no timeout."""
 
     def __init__(self, timeout: float | None):
         self._timeout, self._wall, self._cpu = timeout, time.perf_counter(), time.thread_time()
 
     def watch(self, _: str, __: float) -> None:
-        """Called now and then."""
+        """Raise `_TimeoutError` after the timeout; called during a simulation."""
         if self._timeout is not None and time.perf_counter() - self._wall > self._timeout:
             raise _TimeoutError
 
     def cost(self, batch: int) -> dict[str, Any]:
-        """The share of a trial in that of a batch."""
+        """The cost of a trial, as its share in that of a batch."""
         return cost((time.perf_counter() - self._wall) / batch, (time.thread_time() - self._cpu) / batch, batch)
 
 
@@ -125,7 +125,7 @@ def _run_alone(study: Study, results: Results, trial: Trial, timeout: float | No
         reason = "out of memory"
     except BadInputError as error:
         reason = str(error)
-    except (Exception, SystemExit) as error:  # whatever a part of the user's does: a row, with its name
+    except (Exception, SystemExit) as error:  # user code may raise anything: the row names the error
         reason = one_line(error)
     row = row_of(study, trial, outcome, reason)
     if outcome is not None:
@@ -134,17 +134,17 @@ def _run_alone(study: Study, results: Results, trial: Trial, timeout: float | No
 
 
 def timeout_reason(timeout: float | None) -> str:
-    """What is said of a trial that took too long."""
+    """The reason in the row of a trial that took too long."""
     return f"took longer than the {timeout:g} s of --trial-timeout"
 
 
 def cost(wall: float, cpu: float, batch: int = 1) -> dict[str, Any]:
-    """What a trial took: elapsed and computing time [s], in a batch of how many, where, and when it was done."""
+    """Cost of a trial: elapsed and computing time [s], size of its batch, host, and when it was finished."""
     return {"wall_s": wall, "cpu_s": cpu, "batch": batch, "host": socket.gethostname(), "finished": time.time()}
 
 
 def row_of(study: Study, trial: Trial, outcome: VariantOutcome | None, reason: str) -> Row:
-    """The row of a trial, but for its cost.
+    """The row of a trial, without its cost.
 
     Args:
         study: the sweep.
@@ -173,7 +173,7 @@ def row_of(study: Study, trial: Trial, outcome: VariantOutcome | None, reason: s
 
 
 def _keep(study: Study, results: Results, number: int, outcome: VariantOutcome, duration: float) -> None:
-    """Write what is kept of a trial beside its row."""
+    """Write the log and recorded signals of a trial, if they are to be kept."""
     keep = study.config.keep
     if (keep == "all" or (keep == "failed" and outcome.failure)) and outcome.log.sizes["time"]:
         results.write(results.log_path(number), lambda path: write_netcdf(outcome.log, path))
@@ -188,7 +188,7 @@ def _keep(study: Study, results: Results, number: int, outcome: VariantOutcome, 
 
 
 def recorded(log: xr.Dataset, names: list[str], duration: float) -> Mapping[str, Any]:
-    """Signals of a log at `ENVELOPE_POINTS` times over the duration of a trial; after its end they are not a number.
+    """Signals of a log at `ENVELOPE_POINTS` times over the duration of a trial; NaN after the end of the log.
 
     Args:
         log: over time.
@@ -205,7 +205,7 @@ def recorded(log: xr.Dataset, names: list[str], duration: float) -> Mapping[str,
 
 @contextlib.contextmanager
 def _signs_of_life(results: Results, numbers: Sequence[int]) -> Iterator[None]:
-    """While trials are simulated, say now and then that they are."""
+    """Context that updates the marks of trials every `BEAT` seconds, as a sign of life."""
     over = threading.Event()
 
     def beat() -> None:

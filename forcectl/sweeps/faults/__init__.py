@@ -1,1 +1,1 @@
-"""What a scenario does when something fails: one run for each fault of a list, beside the sound one."""
+"""Behaviour of a scenario under faults: one run for each fault of a list, and one without a fault."""

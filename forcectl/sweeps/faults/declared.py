@@ -1,4 +1,4 @@
-"""The faults that a scenario is tried with: what each of them changes, and what should name it."""
+"""The faults that a scenario is tested with: what each changes, and what should identify it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from forcectl.scenario.scenario import Scenario
 SOUND = "none"  # name of the run without a fault
 SHORT = 0.2  # [s] of a fault that ends
 _DISTANCE, _SPEED = 0.005, 0.02  # [m], [m/s] of a surface that moves
-_AWAY = 0.04  # [m] of one that is gone
-_PUSH = 30.0  # [N]
-_LATE = 0.01  # [s] of a delay that varies
-_SHARE = 0.02  # of the range, in place of a sensor's noise where it has none
-_TIMES = 100.0  # the noise
+_AWAY = 0.04  # [m] that a lost surface moves away
+_PUSH = 30.0  # [N] along each axis
+_LATE = 0.01  # [s] largest value of a varying delay
+_SHARE = 0.02  # standard deviation as a share of the range, for a sensor without noise
+_TIMES = 100.0  # factor of the noise
 
 Changes = dict[str, Any]  # dotted key of a scenario -> value
 
@@ -31,12 +31,12 @@ class DeclaredFault:
     """One fault.
 
     Attributes:
-        name: of the row.
+        name: of its row in the table.
         meaning: what happens, for the docs.
-        change: from scenario and begin [s] to what is changed; a text says why the scenario cannot have the fault.
-        causes: of the guard's status that name it.
-        findings: kinds of findings that name it.
-        from_start: whether it is there from the start of the run on.
+        change: function of scenario and begin [s]; returns the changes, or why the scenario cannot have the fault.
+        causes: those of the guard's status that identify it.
+        findings: kinds of findings that identify it.
+        from_start: whether it acts from the start of the run.
     """
 
     name: str
@@ -99,7 +99,7 @@ def _surfaces(scenario: Scenario) -> dict[str, Any]:
 
 
 def _stiffer(factor: float) -> Callable[[Scenario, float], Changes | str]:
-    """The surface is stiffer than the model says, from the start."""
+    """The surface is `factor` times as stiff as the model assumes, from the start."""
 
     def change(scenario: Scenario, begin: float) -> Changes | str:
         surfaces = _surfaces(scenario)

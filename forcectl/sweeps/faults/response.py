@@ -1,4 +1,4 @@
-"""What a run with a fault comes to, from its log: force, steps of the command, when it is safe, and what names it."""
+"""Outcome of a run with a fault, from its log: force, steps of the command, time until safe, what identifies it."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from forcectl.force.guard.limits import Cause
 from forcectl.scenario.scenario import Scenario
 from forcectl.sweeps.faults.declared import SOUND, DeclaredFault
 
-# Of the forces along several normals their norm, of those on several arms the largest.
+# The norm of the forces along several normals, the largest of the forces on several arms.
 _TRUE = {"contact_force": partial(np.linalg.norm, axis=1), "arm_contact_force": partial(np.max, axis=1)}
 _COMMANDS = {"displacement_command": (1e3, "mm"), "joint_position_command": (1e3, "mrad")}
-_MORE = 1.2  # of the largest desired force, above which a force is not safe where no maximum is stated
+_MORE = 1.2  # times the largest desired force: the limit of a safe force where no maximum is given
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,14 @@ class Response:
     """A row of the table.
 
     Attributes:
-        controller: tag.
+        controller: tag of the controller.
         fault: name; `SOUND` for the run without one.
         peak_force: largest true force from the fault on [N]; None where the run has none.
         command_step: largest change of the command in a tick from the fault on.
-        step_unit: of that.
-        safe_time: from the fault on, until the force is below its limit for good [s]; None: at the end it is above.
-        status: at the end, the largest of several; None where the controller has none.
-        named_by: statuses and kinds of findings that name the fault.
+        step_unit: unit of `command_step`.
+        safe_time: from the fault until the force stays below its limit [s]; None: it is above at the end.
+        status: of the guard at the end, the largest of several; None where the controller has no guard.
+        named_by: statuses of the guard and kinds of findings that identify the fault.
         failure: why the run stopped; "" where it did not.
         finite: whether every command is a finite number.
     """

@@ -24,7 +24,7 @@ from forcectl.sweeps.results import IDENTITY, Results, identity_of
 from forcectl.sweeps.run_sweep import sweep
 from forcectl.sweeps.sweep_config import SweepConfig
 
-_PARTED = " | "  # controller and fault in the name of a case
+_PARTED = " | "  # separates controller and fault in the name of a case
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class FaultReport:
         variant: of it.
         fidelity: of its station.
         begin: of the faults [s].
-        rows: of every controller the sound run and the faults.
+        rows: for every controller, the run without a fault and those with faults.
         left_out: what was not run: "controller: fault" or controller -> why.
         directory: of the sweep; None where none was asked for.
     """
@@ -76,7 +76,7 @@ def try_faults(
         overrides: dotted key -> value on top of everything.
         seed, fidelity: short for the overrides of `seed` and `station.fidelity`.
         begin: of the faults, to the next tick [s]; None: half of the duration.
-        out: directory of the sweep, gone on with where this one was interrupted; None keeps the table only.
+        out: directory of the sweep; an interrupted one there is resumed. None keeps the table only.
         engine, workers: see `sweep`.
         allow_imports: names of modules that the scenario may name.
         progress: called now and then.
@@ -92,7 +92,7 @@ def try_faults(
     if not 0 <= when < base.duration:
         raise BadInputError(f"begin = {when!r}: must be from 0 to below the duration, {base.duration:g} s")
     period = base.setting().workcell.period
-    when = period * round(when / period)  # a fault of one tick is to meet one
+    when = period * round(when / period)  # so that a fault of one tick meets a tick
     wanted = chosen(faults)
     left_out: dict[str, str] = {}
     cases: dict[str, Changes] = {}
@@ -127,7 +127,7 @@ def try_faults(
         sweep(
             config,
             out=folder,
-            resume=os.path.isfile(folder / IDENTITY),  # of another scenario or other faults it is refused
+            resume=os.path.isfile(folder / IDENTITY),  # refused if it is of another scenario or other faults
             engine=engine,
             workers=workers,
             allow_imports=allow_imports,
@@ -154,7 +154,7 @@ def _folder(out: str | Path | None) -> Iterator[Path]:
 def _controllers(
     file: ScenarioFile, variant: str, changes: Changes, base: Scenario, wanted: str, left_out: dict[str, str]
 ) -> Iterator[tuple[str, Changes]]:
-    """Tags of controllers, and what makes the scenario have each; what does not fit is added to `left_out`."""
+    """Tags of controllers, each with the changes that select it; those that do not fit are added to `left_out`."""
     own = to_tree(base.controller, "controller").tag or "controller"
     tags = [own] if not wanted else [name.strip().removeprefix("!") for name in wanted.split(",")]
     known = tags_of("controller")

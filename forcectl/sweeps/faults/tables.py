@@ -14,11 +14,11 @@ from forcectl.sweeps.faults.response import Response
 from forcectl.sweeps.faults.run_faults import FaultReport
 
 COLUMNS = ("controller", "fault", "peak force [N]", "command step", "safe after [s]", "status", "named by")
-_NARROW = 110  # [characters] of a terminal that is too narrow for all columns
+_NARROW = 110  # [characters] width of a terminal below which not all columns fit
 
 
 def cells(row: Response) -> list[str]:
-    """A row as text; what there is no number of is said in words."""
+    """A row as text; words stand in place of missing numbers."""
     nothing = "stopped" if row.failure else "no force"
     peak = nothing if row.peak_force is None else f"{row.peak_force:.1f}"
     safe = nothing if row.peak_force is None else "never" if row.safe_time is None else f"{row.safe_time:.2f}"

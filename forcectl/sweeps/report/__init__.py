@@ -1,1 +1,1 @@
-"""What is made of the table of a sweep: figures, the worst trials kept whole, and one page."""
+"""Report on a sweep from its table: figures, the worst trials stored in full, and one page."""

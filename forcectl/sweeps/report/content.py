@@ -1,4 +1,4 @@
-"""What the page of a sweep says, as plain rows of text: the plan, states, arms, failures, worst trials, costs."""
+"""Content of the page of a sweep as rows of text: the plan, states, arms, failures, worst trials, costs."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 MOST_ROWS = 300  # of the table of trials
 MOST_REASONS = 40
-MOST_NUMBERS = 8  # of the trials of a reason
-_MOST_VALUES = 12  # of a key
+MOST_NUMBERS = 8  # trials that are listed for a reason
+_MOST_VALUES = 12  # of a key that are listed
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _NOTHING = "–"
 _DISTRIBUTIONS = {
@@ -72,7 +72,7 @@ def shown(value: Any) -> str:
 
 
 def plan(study: Study, identity: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What was planned, name by name.
+    """The plan, as pairs of name and text.
 
     Args:
         study: the sweep.
@@ -175,13 +175,13 @@ def arms_table(study: Study, table: pd.DataFrame) -> TextTable:
 
 
 def _median(values: pd.Series) -> str:
-    """The median, and of how many where not all have a value."""
+    """The median, and the number of values where some are missing."""
     there = int(values.count())
     return shown(float(values.median())) + ("" if there in (0, len(values)) else f" (of {there})")
 
 
 def independence(study: Study) -> str:
-    """What the numbers of trials do not say, where points were run with several seeds each; else nothing."""
+    """A caveat on intervals and p where points were run with several seeds each; else ""."""
     if study.config.cases or len(study.points) < 2 or len(study.seeds or [0]) < 2:
         return ""
     return (
@@ -221,7 +221,7 @@ def comparisons(study: Study, table: pd.DataFrame) -> TextTable:
 
 
 def failures(study: Study, table: pd.DataFrame) -> TextTable:
-    """Reasons of failed trials, of which those that differ in numbers only count together, the most frequent first."""
+    """Reasons of failed trials, the most frequent first; those that differ only in numbers are counted together."""
     failed = table[table["state"] == "failed"]
     pattern = failed["reason"].map(lambda reason: _NUMBER.sub("#", str(reason)))
     rows: list[list[Any]] = []
@@ -239,7 +239,7 @@ def _named(trial: Trial) -> str:
 
 
 def command(study: Study, trial: Trial) -> str:
-    """The command that runs one trial again; "" where a command cannot say what it changes."""
+    """The command that runs one trial again; "" where its options cannot express the changes."""
     changes = study.overrides(trial)
     seed = changes.pop("seed", None)
     simple = all(isinstance(value, bool | int | float | str) for value in changes.values())
@@ -252,7 +252,7 @@ def command(study: Study, trial: Trial) -> str:
 
 
 def worst_table(study: Study, results: Results, table: pd.DataFrame) -> TextTable:
-    """The worst trials with what is kept of them."""
+    """The worst trials with links to their stored files."""
     worst = study.config.worst
     numbers = ranked(study, table)
     if worst is None or not numbers:
@@ -299,7 +299,7 @@ def costs_of_arms(study: Study, table: pd.DataFrame, costs: pd.DataFrame) -> Tex
 
 
 def costs_summary(costs: pd.DataFrame) -> list[tuple[str, str]]:
-    """Computing and elapsed times, name by name."""
+    """Computing and elapsed times, as pairs of name and text."""
     if costs.empty or "cpu_s" not in costs:
         return []
     cpu, wall = costs["cpu_s"].dropna(), costs["wall_s"].dropna()
@@ -328,7 +328,7 @@ def duration(seconds: float) -> str:
 
 
 def resume_command(study: Study, results: Results) -> str:
-    """The command, or the Python, that goes on with a sweep."""
+    """The command, or the Python call, that resumes a sweep."""
     if not study.writable:
         return f"forcectl.sweeps.sweep(sweep, out={str(results.folder)!r}, resume=True)"
     return shlex.join(["forcectl", "sweep", str(results.folder), "--resume"])

@@ -17,7 +17,7 @@ from forcectl.sweeps.report.panels import GREY, MOST_PANELS, PER_ROW, below, hea
 
 MOST_READ = 4000  # trials of an arm
 MOST_COMPONENTS = 7
-_BEYOND = 4.0  # times the range of 10 to 90 %: what goes further is cut off
+_BEYOND = 4.0  # times the range of 10 to 90 %: values further away are cut off
 _LEVELS = (0, 10, 50, 90, 100)  # [%]
 
 
@@ -28,8 +28,8 @@ class Envelope:
     Attributes:
         time: of the samples [s], shape (samples,).
         levels: smallest value, 10 %, median, 90 % and largest value, shape (5, components, samples).
-        trials: that it is from.
-        planned: trials of the arm.
+        trials: number of trials that it is computed from.
+        planned: number of trials of the arm.
     """
 
     time: Array
@@ -114,7 +114,7 @@ def envelope_figure(envelopes: Mapping[str, Envelope], component: int, label: st
 
 
 def _limit(levels: Sequence[Array]) -> tuple[float, float] | None:
-    """Limits of an axis on which a few trials that run away do not hide the others; None where all can be shown."""
+    """Limits of an axis that a few diverging trials would make unreadable; None where all values can be shown."""
     low, high = (float(np.nanmin([one[1] for one in levels])), float(np.nanmax([one[3] for one in levels])))
     least, most = (float(np.nanmin([one[0] for one in levels])), float(np.nanmax([one[4] for one in levels])))
     span = high - low

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 MOST_METRICS = 6
 _MOST_KEYS = 6  # panels of a figure
 _MOST_DOTS = 20_000
-_TIMES = 1000.0  # largest by smallest value of a metric, from which its axis is logarithmic
+_TIMES = 1000.0  # ratio of the largest to the smallest value of a metric, from which its axis is logarithmic
 
 
 def metric_figure(
@@ -89,7 +89,7 @@ def metric_figure(
 def _ranges(axes: Axes, column: KeyColumn, positions: Array, values: Array, number: int, count: int) -> None:
     """Draw an arm in a panel."""
     colour, dashes = styles(count)[number]
-    arms = column.key in ("arm", "")  # each arm has a place of its own
+    arms = column.key in ("arm", "")  # each arm has its own position
     dots = arms or not column.listed or len(values) <= 2 * len(column.distinct)
     if dots:
         spread = 0.3 * (np.arange(len(values)) * 0.618034 % 1 - 0.5) if arms else 0.0
@@ -113,10 +113,10 @@ def _ranges(axes: Axes, column: KeyColumn, positions: Array, values: Array, numb
 
 
 def sensitivity_figure(found: dict[str, Sensitivity]) -> Figure:
-    """How much each key matters, largest first, one panel for each arm.
+    """Sensitivity to each key, largest first, one panel for each arm.
 
     Args:
-        found: by arm; of one kind.
+        found: sensitivities by arm, all Sobol indices or all rank correlations.
     """
     arms = list(found)[:MOST_PANELS]
     first = found[arms[0]]
@@ -159,7 +159,7 @@ def _bars(axes: Axes, places: Array, value: Array, ends: Array | None, order: ND
 
 
 def draw(study: Study, results: Results, table: pd.DataFrame) -> tuple[list[Drawn], list[str]]:
-    """The figures that a sweep has numbers for; and in words what could not be drawn, and why.
+    """The figures that a sweep has numbers for, and texts that say what could not be drawn, and why.
 
     Args:
         study: the sweep.
@@ -215,7 +215,7 @@ def _count(values: Array) -> int:
 
 def _success(study: Study, table: pd.DataFrame, columns: list[KeyColumn], label: str, good: Array) -> list[Drawn]:
     known = good[np.isfinite(good)]
-    if not study.config.success and known.all():  # nothing is asked for, and nothing failed
+    if not study.config.success and known.all():  # no condition for success, and no failed trial
         return []
     condition = study.config.success or "a trial that does not fail"
     arm, arms = table["arm"].to_numpy(str), study.arms
@@ -311,7 +311,7 @@ def rendered(figure: Figure) -> tuple[bytes, bytes]:
     """A figure as SVG and as PNG, without dates or random identifiers."""
     FigureCanvasAgg(figure)
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # which keeps the places: they are found once, not for each format
+    figure.set_layout_engine("none")  # keeps the layout, which is computed once for both formats
     vector, pixels = io.BytesIO(), io.BytesIO()
     write_svg(figure, vector)
     figure.savefig(pixels, format="png", dpi=150)

@@ -21,15 +21,15 @@ from forcectl.sweeps.study import Study
 if TYPE_CHECKING:
     import pandas as pd
 
-FEW_VALUES = 20  # of a key: each is a group of its own
+FEW_VALUES = 20  # of a key: up to here each value is a group of its own
 _FIXED = ("trial", "point", "arm", "seed", "state", "success", "findings", "reason", "time_s")
-_DECADES = 100.0  # largest by smallest value, from which an axis is logarithmic
+_DECADES = 100.0  # ratio of the largest to the smallest value, from which an axis is logarithmic
 _GROUP = 15  # trials of a group where a key takes many values
 _MOST_GROUPS = 12
 _LEAST_RANKED = 8  # trials, for a rank correlation
-_RESAMPLED = 200  # sensitivities, for their intervals
-_RESAMPLED_LARGE = 40  # of many trials
-_MANY = 50_000  # trials
+_RESAMPLED = 200  # bootstrap samples for the intervals of sensitivities
+_RESAMPLED_LARGE = 40  # the same for many trials
+_MANY = 50_000  # trials from which `_RESAMPLED_LARGE` is used
 _WITHOUT = 3  # metrics that are shown where the sweep names none
 
 
@@ -45,12 +45,12 @@ class Rate:
 
     @property
     def share(self) -> float:
-        """Of successes; not a number without trials."""
+        """Share of successes; NaN without trials."""
         return self.successes / self.trials if self.trials else float("nan")
 
 
 def outcome(study: Study, table: pd.DataFrame) -> tuple[str, Array]:
-    """What counts as a good trial, in words, and 1, 0 or not a number for each row, the last where it is not finished.
+    """The name of a good outcome, and for each row 1 (good), 0 (not good) or NaN (not finished).
 
     A sweep without a condition for success counts the trials that do not fail.
 
@@ -93,7 +93,7 @@ class Comparison:
 
     @property
     def p(self) -> float:
-        """Of McNemar's exact test, two-sided: how likely pairs that differ are so unequal if the arms were equal."""
+        """Of McNemar's exact two-sided test: probability of counts at least this unequal if the arms were equal."""
         differing = self.only_first + self.only_second
         return float(binomtest(self.only_first, differing).pvalue) if differing else 1.0
 
@@ -107,7 +107,7 @@ def compared(study: Study, table: pd.DataFrame, first: str, second: str) -> Comp
         first, second: names of the arms.
     """
     _, good = outcome(study, table)
-    pair = table["trial"].to_numpy(int) // len(study.arms)  # arms count fastest
+    pair = table["trial"].to_numpy(int) // len(study.arms)  # the arm is the fastest index
     one, other = (
         dict(zip(pair[rows], good[rows] > 0, strict=True))
         for arm in (first, second)
@@ -120,16 +120,16 @@ def compared(study: Study, table: pd.DataFrame, first: str, second: str) -> Comp
 
 
 def share_over(study: Study, table: pd.DataFrame, arm: str) -> tuple[Array, Array, int]:
-    """What of the metric of `share_over` the trials of an arm have that meet its condition.
+    """Values of the metric of `share_over` in the trials of an arm that meet its condition, and their shares.
 
     Args:
-        study: the sweep, which has that key.
+        study: the sweep, which has the key `share_over`.
         table: of its finished trials.
         arm: name.
 
     Returns:
-        values, ascending, (n,); the share of finished trials that meet the condition with at most that, (n,); how many
-        are finished.
+        values, ascending, (n,); share of finished trials that meet the condition with at most that value, (n,); number
+        of finished trials.
     """
     asked = study.config.share_over
     assert asked is not None
@@ -166,10 +166,10 @@ class KeyColumn:
     """The values of a key in the rows of a table, as positions on an axis.
 
     Attributes:
-        key: with dots.
+        key: dotted key of the scenario.
         unit: of its values; "" for none.
         scale: "linear", "log" or "category".
-        positions: of the rows; of categories their numbers from 0.
+        positions: of the rows: values of the key, or numbers of the categories from 0.
         labels: of the categories.
     """
 
@@ -186,7 +186,7 @@ class KeyColumn:
 
     @property
     def listed(self) -> bool:
-        """Whether the key takes so few values that each can be looked at by itself."""
+        """Whether the key takes so few values that each is a group of its own."""
         return len(self.distinct) <= FEW_VALUES
 
     @property
@@ -223,7 +223,7 @@ def _key_column(axis: Axis, values: pd.Series, unit: str) -> KeyColumn:
     distinct = np.unique(numbers)
     positive = distinct[distinct > 0]
     wide = not axis.distribution and len(positive) > 1 and positive[-1] >= _DECADES * positive[0]
-    if wide and len(positive) < len(distinct) <= FEW_VALUES:  # zero, and decades
+    if wide and len(positive) < len(distinct) <= FEW_VALUES:  # zero, and values over decades
         labels = [short(value) for value in distinct]
         return KeyColumn(axis.key, unit, "category", np.searchsorted(distinct, numbers).astype(float), labels)
     logarithmic = len(positive) == len(distinct) and (wide or axis.distribution == "LogUniform")
@@ -250,7 +250,7 @@ def unit_of(scenario: Any, key: str) -> str:
 
 
 def short(value: float) -> str:
-    """A number in few signs: 1e5 rather than 100000 or 1e+05."""
+    """A number in few characters: 1e5 rather than 100000 or 1e+05."""
     plain = f"{value:.4g}"
     mantissa, _, exponent = f"{value:.3e}".partition("e")
     scientific = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
@@ -258,7 +258,7 @@ def short(value: float) -> str:
 
 
 def groups(positions: Array) -> list[tuple[float, NDArray[np.bool_]]]:
-    """Rows whose values of a key are equal, or near each other where it takes many; each with the middle of its values.
+    """Groups of rows whose values of a key are equal, or close where it takes many; each with its middle value.
 
     Args:
         positions: of the rows, as those of `KeyColumn`.
@@ -272,14 +272,14 @@ def groups(positions: Array) -> list[tuple[float, NDArray[np.bool_]]]:
 
 
 def association(column: KeyColumn, values: Array) -> float:
-    """How strongly values go with a key, from 0 to 1: size of Spearman's rank correlation.
+    """Strength of association of values with a key, from 0 to 1: magnitude of Spearman's rank correlation.
 
-    Of a key without order it is the correlation ratio of the ranks: the root of the share of their variance between
-    categories.
+    For a key without order it is the correlation ratio of the ranks: the root of the share of their variance
+    between categories.
 
     Args:
         column: of the key.
-        values: by row; those that are not numbers do not count.
+        values: by row; values that are not finite are left out.
     """
     there = np.isfinite(values)
     positions, ranks = column.positions[there], rankdata(values[there])
@@ -301,7 +301,7 @@ def _numbers(labels: list[str]) -> bool:
 
 
 def by_influence(columns: list[KeyColumn], values: Array) -> list[KeyColumn]:
-    """Keys, the one that values go with most first.
+    """Keys, the one with which values are associated most first.
 
     Args:
         columns: of the keys.
@@ -313,16 +313,16 @@ def by_influence(columns: list[KeyColumn], values: Array) -> list[KeyColumn]:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How much each key matters for a number.
+    """Sensitivity of a metric to each key.
 
     Attributes:
         keys: of the scenario.
-        first: first-order Sobol indices, or sizes of rank correlations.
+        first: first-order Sobol indices, or magnitudes of rank correlations.
         total: total Sobol indices; None for rank correlations.
         first_range: 95 % intervals of `first`, shape (2, keys); None for rank correlations.
         total_range: those of `total`.
         chance: rank correlation that a key without influence exceeds in 5 % of sweeps; None for Sobol indices.
-        trials: that it is from.
+        trials: number of trials that it is computed from.
     """
 
     keys: list[str]
@@ -335,9 +335,9 @@ class Sensitivity:
 
 
 def sensitivity(study: Study, columns: list[KeyColumn], points: NDArray[np.int64], values: Array) -> Sensitivity | str:
-    """How much each key matters for a number; a text says why that cannot be said.
+    """Sensitivity of a metric to each key, or a text that says why it cannot be computed.
 
-    The design `saltelli` has Sobol indices, every other one rank correlations.
+    For the design `saltelli` these are Sobol indices, for every other one rank correlations.
 
     Args:
         study: the sweep.

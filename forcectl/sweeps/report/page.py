@@ -1,4 +1,4 @@
-"""The page of a sweep: one file without need of a network, with all figures within."""
+"""The HTML page of a sweep: one file that needs no network, with embedded figures."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from forcectl.sweeps.study import Study
 if TYPE_CHECKING:
     import pandas as pd
 
-_LARGE = 200_000  # [B] of an SVG, from which the page has the PNG
-_MOST = 2_000_000  # [B] of all figures within the page; further ones are beside it
+_LARGE = 200_000  # [B] of an SVG, above which the page embeds the PNG
+_MOST = 2_000_000  # [B] of all figures embedded in the page; further ones are linked
 
 
 def write_report(
@@ -33,8 +33,8 @@ def write_report(
         study: the sweep.
         results: its directory.
         table: of its trials, see `forcectl.sweeps.table`.
-        costs: what they took.
-        complete: every trial that is needed is finished.
+        costs: computing and elapsed times of the trials.
+        complete: whether every trial that is needed is finished.
 
     Raises:
         StorageError: the directory cannot be written.
@@ -74,7 +74,7 @@ def write_report(
 
 
 def _within(drawn: Sequence[Drawn], files: dict[str, tuple[bytes, bytes]]) -> list[tuple[Drawn, str]]:
-    """Each figure with its content as an address; "" for one that the page has no place for."""
+    """Each figure with its content as a data URL; "" for one that the page only links to."""
     found, total = [], 0
     for one in drawn:
         vector, pixels = files[one.name]

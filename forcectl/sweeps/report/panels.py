@@ -21,12 +21,12 @@ from forcectl.figures.force import frame, look_of
 from forcectl.figures.targets import GREY as GREY
 from forcectl.sweeps.report.numbers import KeyColumn, short
 
-FEW_ARMS = 4  # whose bands can be told apart
+FEW_ARMS = 4  # up to here bands of arms can be told apart
 MOST_PANELS = 12
 PER_ROW = 3
 WIDTH = 9.0  # [in]
 _HEIGHT = 2.7  # [in] of a panel
-_MOST_LABELS = 9  # values of an axis that are all written at it
+_MOST_LABELS = 9  # values of a key that are all written at its axis
 _LONG = 5  # letters of such a value
 _LETTER = 0.073  # [in] wide, at a size of 9
 
@@ -38,8 +38,8 @@ class Drawn:
     Attributes:
         name: of its files.
         title: in words.
-        caption: what is to be seen.
-        figure: itself.
+        caption: explanation of what the figure shows.
+        figure: the figure.
     """
 
     name: str
@@ -68,7 +68,7 @@ def over_keys(
         arm: by row.
         arms: in the order of their colours.
         label: of the number.
-        draw: draws an arm into a panel: axes, column, positions and values of the arm, its place, how many arms.
+        draw: draws an arm into a panel: axes, column, positions and values of the arm, its index, number of arms.
         height: of a panel [in].
     """
     figure, grid = panels(len(columns), share_y=True, height=height)
@@ -90,14 +90,14 @@ def over_keys(
 def panels(
     count: int, *, share_x: bool = False, share_y: bool = False, height: float = _HEIGHT, across: int = PER_ROW
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with panels in rows, as wide on the page as any other one.
+    """A figure of width `WIDTH` with panels in rows.
 
     Args:
         count: of panels.
-        share_x: all have the same axis.
-        share_y: all have the same axis.
+        share_x: all panels have the same x axis.
+        share_y: all panels have the same y axis.
         height: of a panel [in].
-        across: panels of a row at most.
+        across: largest number of panels in a row.
     """
     columns = min(count, across)
     rows = math.ceil(count / columns)
@@ -115,12 +115,12 @@ def panels(
 
 
 def panel_width(count: int, across: int = PER_ROW) -> float:
-    """Width of a panel for labels, nearly [in]."""
+    """Approximate width of a panel for labels [in]."""
     return WIDTH / min(count, across) - 0.7
 
 
 def heading(axes: Axes, text: str, width: float) -> None:
-    """Title of a panel, as much of it as there is place for.
+    """Set the title of a panel, cut to the width of the panel.
 
     Args:
         axes: of the panel.
@@ -131,7 +131,7 @@ def heading(axes: Axes, text: str, width: float) -> None:
 
 
 def cut(text: str, most: int) -> str:
-    """A text of at most so many letters: of a key what its last names are, as they say most."""
+    """A text cut to at most `most` characters; of a key the last names are kept, which are most specific."""
     if len(text) <= most:
         return text
     key, gap, unit = text.partition(" [")
@@ -142,7 +142,7 @@ def cut(text: str, most: int) -> str:
 
 
 def name_axis(axes: Axes, text: str, which: Literal["x", "y"], size: float) -> None:
-    """Name of an axis, as much of it as there is place for.
+    """Set the name of an axis, cut to the size of the panel.
 
     Args:
         axes: of the panel.
@@ -155,7 +155,7 @@ def name_axis(axes: Axes, text: str, which: Literal["x", "y"], size: float) -> N
 
 
 def scale(axes: Axes, column: KeyColumn, which: Literal["x", "y"], size: float) -> None:
-    """Make the axis of a panel that of a key.
+    """Set scale, ticks and limits of an axis for a key.
 
     Args:
         axes: of the panel.
@@ -202,12 +202,12 @@ def styles(count: int) -> list[tuple[str, object]]:
 
 
 def beside(number: int, count: int) -> float:
-    """How far from a category an arm is drawn, so that it does not hide the others."""
+    """Offset of an arm from the position of a category, so that arms do not hide each other."""
     return (number - (count - 1) / 2) * min(0.12, 0.6 / count)
 
 
 def arm_legend(figure: Figure, arms: Sequence[str]) -> None:
-    """A legend of the arms below a figure, in the order of `styles`; none of a sweep without arms."""
+    """A legend of the arms below a figure, in the order of `styles`; none for a sweep without arms."""
     entries = [
         Line2D([], [], color=colour, ls=dashes, lw=1.8, label=arm)
         for arm, (colour, dashes) in zip(arms, styles(len(arms)), strict=True)
@@ -220,8 +220,8 @@ def below(figure: Figure, entries: Sequence[Artist]) -> None:
     """A legend below a figure.
 
     Args:
-        figure: to have it; grows by as much.
-        entries: none: no legend.
+        figure: that gets the legend; its height grows accordingly.
+        entries: of the legend; if empty, there is none.
     """
     if not entries:
         return

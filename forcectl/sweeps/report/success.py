@@ -38,8 +38,8 @@ from forcectl.sweeps.report.panels import (
 BAD, GOOD = COLOURS[1], COLOURS[0]
 SHARES = LinearSegmentedColormap.from_list("share", [BAD, "#f6efe4", GOOD])
 _NONE = "#e6e6e6"  # no trial yet
-_MOST_CELLS = 40  # of a panel in one direction
-_SPARSE = 2  # times the cells that there are points for: a grid with conditions
+_MOST_CELLS = 40  # in one direction of a panel
+_SPARSE = 2  # largest ratio of cells to cells with points: a grid with conditions has empty cells
 _MOST_WRITTEN = 80  # cells of a panel with numbers in them
 _MANY_DOTS = 600  # of a panel
 _HEIGHT = 2.9  # [in] of a map
@@ -73,10 +73,10 @@ def rates_figure(rates: Sequence[Rate], label: str) -> Figure:
 
 
 def share_over_figure(found: Mapping[str, Mapping[str, tuple[Array, Array, int]]], metric: str) -> Figure:
-    """Share of trials that succeed with at most so much of a metric, over that: a panel a case, a line an arm.
+    """Share of trials that succeed with at most some value of a metric, over it: a panel a case, a line an arm.
 
     Args:
-        found: by case and arm, as `share_over` has it; without cases one of no name.
+        found: results of `share_over` by case and arm; without cases the name of the case is "".
         metric: name and unit.
     """
     shown = dict(list(found.items())[:MOST_PANELS])
@@ -118,7 +118,7 @@ def map_figure(
     Args:
         x: key across.
         y: key upwards.
-        good: by row: 1, 0, or not a number.
+        good: by row: 1, 0, or NaN.
         arm: by row.
         point: by row; the trials of a point make one dot.
         arms: in the order of the panels.
@@ -158,7 +158,7 @@ def map_figure(
 
 
 def _is_grid(x: KeyColumn, y: KeyColumn) -> bool:
-    """Whether two keys take few values in most of their combinations: points of distributions do not."""
+    """Whether two keys take few values, and most of their combinations; points of distributions do not."""
     across, up = len(x.distinct), len(y.distinct)
     if max(across, up) > _MOST_CELLS:
         return False
@@ -227,7 +227,7 @@ def by_key_figure(
 
     Args:
         columns: of the keys, one for each panel.
-        good: by row: 1, 0, or not a number.
+        good: by row: 1, 0, or NaN.
         arm: by row.
         arms: in the order of their colours.
         label: what is counted.

@@ -1,4 +1,4 @@
-"""The worst trials of a sweep, run again and kept whole: log, figures, block diagram, and of the first one a replay."""
+"""The worst trials of a sweep, run again and stored in full: log, figures, block diagram, a replay of the first."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def keep_worst(
 ) -> list[Path]:
     """Run the worst trials again and keep them in `worst/<rank>-trial-<number>`; returns these folders.
 
-    What an earlier call has kept of the same trials stays, what it has kept of others is removed.
+    Folders that an earlier call has written of the same trials stay, those of other trials are removed.
 
     Args:
         study: the sweep.
@@ -63,7 +63,7 @@ def keep_worst(
     folders, wanted = [], {earlier.get(number) for number in numbers}
     with writing(results.folder):
         for path in (results.folder / WORST).glob("*-trial-*"):
-            # Those of other trials, and what was removed in part.
+            # Folders of other trials, and partly removed ones.
             if _NAME.fullmatch(path.name) and path not in wanted:
                 shutil.rmtree(path)
         for rank, number in enumerate(numbers, start=1):
@@ -100,6 +100,6 @@ def _keep(study: Study, results: Results, number: int, rank: int, earlier: Path 
             force=True,
             replay=replay,
         )
-    except StoppedRunError as error:  # a part that does not repeat itself: what there is of it is kept
+    except StoppedRunError as error:  # the trial is not reproducible: what the run has written is kept
         return error.directory or target
     return target
