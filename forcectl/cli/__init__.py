@@ -1,7 +1,7 @@
 """The command line. Commands import what they need when they run, so that `--help` does not wait for Drake.
 
 Exit codes: 0 done; 1 a run failed, an expectation was missed, the doctor found errors, a run with `--strict` has a
-finding, or an error that nobody foresaw (one line; `--debug` shows the rest); 2 bad input; 130 interrupted.
+finding, or an unexpected error (one line; `--debug` shows the traceback); 2 bad input; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def main() -> None:
             from forcectl.cli.app import call
 
             code = call(net.whole if debug else lambda error: None)
-        except BaseException as error:  # a part of the user's may raise anything
+        except BaseException as error:  # user code may raise anything
             if "_FORCECTL_COMPLETE" in os.environ:  # completion in a shell ends this way
                 raise
             if debug:

@@ -1,4 +1,4 @@
-"""All commands, and what becomes of errors."""
+"""All commands, and how their errors are reported."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _options(
         typer.echo(context.get_help())
 
 
-_LONGEST = 2000  # characters of a message
+_LONGEST = 2000  # [characters] of an error message; the middle of a longer one is cut out
 _COMMANDS: tuple[Callable[..., None], ...] = (
     schema,
     explain,
@@ -80,13 +80,13 @@ for command in _COMMANDS:
 app.add_typer(tuning, name="tune")
 tuning.command(cls=OnceCommand)(vrft)
 
-# Typer carries its own copy of Click in newer versions, so the base of its complaints is found by name.
+# Newer versions of Typer carry their own copy of Click, so the base class of usage errors is found by name.
 _Complaint: type[Exception] = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
 
 @cache
 def _commands() -> Any:
-    """All commands as Typer makes them of the functions' signatures, which takes longer than many a command."""
+    """All commands, which Typer builds from the signatures of the functions; cached, because that is slow."""
     return typer.main.get_command(app)
 
 
@@ -94,11 +94,11 @@ def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
     """Run the command of `sys.argv`; returns the exit code.
 
     Args:
-        look: called with every error that is said in one line.
+        look: called with an error of forcectl or of a full disk, before its line is printed.
     """
-    # NumPy's remarks on overflow would come before the one line that says which signal diverges, and when.
+    # NumPy's overflow warnings would precede the line that names the diverging signal and its time.
     warnings.simplefilter("ignore", RuntimeWarning)
-    warnings.filterwarnings("ignore", "Glyph .* missing from font")  # an empty box in the figure
+    warnings.filterwarnings("ignore", "Glyph .* missing from font")  # drawn as an empty box
     try:
         os.getcwd()
     except OSError:
@@ -118,8 +118,8 @@ def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
         return _complain(f"{text.rstrip('.')}{see}", 2)
     except typer.Abort:
         return _complain("stopped", 1)
-    except (BrokenPipeError, SystemExit) as error:  # the reader, for example `head`, has seen enough
-        # Rich makes the one of the other.
+    except (BrokenPipeError, SystemExit) as error:  # the reader of a pipe, such as `head`, has ended
+        # Rich turns a broken pipe into SystemExit.
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             raise
         sys.stderr.close()

@@ -77,14 +77,14 @@ def _set_by_the_user() -> list[str]:
     from forcectl.framework.imports import settings_file
 
     if not settings_file().is_file():
-        return []  # without what reads it: a list is to appear at once
+        return []  # before the slow import below: a list is to appear at once
     from forcectl.scenario.user_settings import user_settings
 
     return user_settings().allow_imports
 
 
 def _list_folder(folder: Path, clean: bool, as_json: bool) -> None:
-    """The results in a folder, and what is being written or was left there."""
+    """List the results in a folder, also those being written and those left by ended processes."""
     from forcectl.runs.claims.found import clean as clean_up
     from forcectl.runs.claims.found import found_in
     from forcectl.runs.terminal.listing import found_table

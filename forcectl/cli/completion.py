@@ -40,12 +40,12 @@ def fidelities(incomplete: str) -> list[str]:
 
 
 def variants(context: typer.Context, incomplete: str) -> list[str]:
-    """Variants of the scenario that stands before."""
+    """Variants of the scenario that was typed before."""
     from forcectl.errors import BadInputError
     from forcectl.scenario import catalog
 
     try:
-        # Where the option is the last word, what stands before has not been taken for an argument yet.
+        # Where the option is the last word, the words before it are not parsed as arguments yet.
         tree = catalog.find_scenario(context.params.get("scenario") or " ".join(context.args[:1])).tree
     except BadInputError:
         return []

@@ -48,7 +48,7 @@ def faults(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run a scenario with one fault after the other, and say what each comes to: force, command, status, finding.
+    """Run a scenario once with each fault, and show its effect: force, command, status, finding.
 
     Exit code 1: a command was not a finite number, or a run failed.
 

@@ -1,4 +1,4 @@
-"""Whether a command can have the memory that it takes to load Drake and HDF5."""
+"""Check that a command may use enough memory to load Drake and HDF5."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import resource
 
 from forcectl.errors import RunFailedError
 
-LEAST = 900e6  # [B] of addresses: with 600 MB libraries fail to load, each in its own way, with 1000 MB runs are sound
+LEAST = 900e6  # [B] of address space: with 600 MB libraries fail to load with various errors, with 1000 MB runs work
 
 
 def check_memory() -> None:
-    """Refuse a process that may have too few addresses (`ulimit -v`).
+    """Refuse a process whose address space is limited too much (`ulimit -v`).
 
     Raises:
-        RunFailedError: says how many it must have.
+        RunFailedError: the limit is below `LEAST`; the message names both.
     """
     allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
     if allowed != resource.RLIM_INFINITY and allowed < LEAST:

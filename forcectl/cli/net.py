@@ -1,4 +1,4 @@
-"""The last net: an error that nobody foresaw is one line on the command line, and not Python's traceback."""
+"""The last error handler: an unexpected error is one line on the command line, not Python's traceback."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 from forcectl.errors import one_line
 
 DEBUG = "--debug"
-VARIABLE = "FORCECTL_DEBUG"  # in the environment, the same; tests set it, so that no bug passes for a message
-_LONGEST = 300  # characters of the text of an error
+VARIABLE = "FORCECTL_DEBUG"  # environment variable: raise the error; tests set it, so that no bug passes unseen
+_LONGEST = 300  # [characters] of the text of an error
 _ROOT = Path(__file__).parents[1]
 
 
 def take_debug() -> bool:
-    """Whether `--debug` is among the arguments of this process, wherever it stands; it is taken out of them."""
+    """Remove `--debug` from the arguments of this process, before a `--`; returns whether it was there."""
     words = sys.argv[1:]
     before = words[: words.index("--")] if "--" in words else words
     sys.argv[1:] = [word for word in before if word != DEBUG] + words[len(before) :]
@@ -24,10 +24,10 @@ def take_debug() -> bool:
 
 
 def caught(error: BaseException) -> int:
-    """Say in one line what went wrong; returns the exit code.
+    """Print an unexpected error in one line; returns the exit code.
 
     Raises:
-        BaseException: the error itself, where the environment asks for it.
+        BaseException: the error itself, if the environment variable `VARIABLE` is set.
     """
     if os.environ.get(VARIABLE):
         raise error
@@ -41,7 +41,7 @@ def whole(error: BaseException) -> None:
 
 
 def _place(error: BaseException) -> str:
-    """Where an error was raised: the innermost line of forcectl, or else of all."""
+    """Where an error was raised: the innermost line within forcectl, or else the innermost of all."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if _ROOT in Path(frame.filename).parents]
     if not frames:

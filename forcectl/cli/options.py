@@ -1,4 +1,4 @@
-"""Options that several commands have, and where tables are printed."""
+"""Options that several commands share, and the console for tables."""
 
 from __future__ import annotations
 
@@ -64,10 +64,10 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the results as JSON.
 
 
 class OnceCommand(TyperCommand):
-    """A command whose options of one value stand once: of two values one would be lost."""
+    """A command that refuses an option of one value given twice: one of the values would be lost."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """As usual, after that."""
+        """Parse as Typer does, after this check."""
         order: list[Any] = self.make_parser(ctx).parse_args(args=[*args])[2]
         for option in (each for each in order if each.param_type_name == "option" and not each.multiple):
             says_more = not option.is_flag or option.secondary_opts

@@ -12,7 +12,7 @@ from forcectl.cli.options import terminal
 def robot(
     folder: Annotated[str, typer.Argument(metavar="FOLDER", help="Robot folder, model file, or shipped robot.")],
 ) -> None:
-    """Tell what a robot folder says, what is assumed, and all that is missing with proposed values.
+    """Show what a robot folder defines, what is assumed, and all that is missing with proposed values.
 
     Exit code 0: complete; 1: something is missing or cannot be used.
 
@@ -28,7 +28,7 @@ def robot(
 
 
 def say_assumed(assumed: dict[str, str]) -> None:
-    """Print what is assumed of the robot of a scenario: by key, the rule."""
+    """Print the parameters that are assumed for the robot of a scenario: key -> rule."""
     if assumed:
         told = ", ".join(f"{name} ({rule})" for name, rule in assumed.items())
         typer.echo(f"assumed of the robot: {told}; `forcectl robot` shows the values")

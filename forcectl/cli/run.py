@@ -52,17 +52,17 @@ Strict = Annotated[
 
 
 class StrictCommand(OnceCommand):
-    """A command whose option `--strict` may stand alone, which then is for warnings."""
+    """A command whose option `--strict` may stand without a value, which then is `warning`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """As usual, with the severity filled in."""
+        """Parse as usual, with the severity filled in."""
         following = [*args[1:], ""]
         alone = [word == "--strict" and after not in SEVERITIES for word, after in zip(args, following, strict=False)]
         filled = ["--strict=warning" if bare else w for w, bare in zip(args, alone, strict=True)]
         try:
             return super().parse_args(ctx, filled)
         except Exception as error:
-            # What stands after it alone may be the scenario, but not beside another one.
+            # A word after a bare --strict may be the scenario; if there is another one, it was meant as a severity.
             after = following[alone.index(True)] if any(alone) else ""
             if "unexpected extra argument" in str(getattr(error, "message", "")) and after.strip("-") == after != "":
                 parse_severity(after, "--strict")

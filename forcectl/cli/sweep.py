@@ -50,7 +50,7 @@ def sweep(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run variations of a scenario; what is finished is kept whatever happens.
+    """Run variations of a scenario; finished trials are kept even if the sweep is stopped.
 
     Example: forcectl sweep robustness.yaml --out runs/robustness --workers 4
     """
@@ -110,7 +110,7 @@ def merge(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Put the results of shards together; may be done again when there are more.
+    """Merge the results of shards; may be repeated when there are more.
 
     Example: forcectl merge runs/part-1 runs/part-2 --out runs/whole
     """
@@ -169,10 +169,10 @@ def _duration(seconds: float) -> str:
 
 
 class _Display:
-    """A bar on standard error; where that is no terminal, a line now and then.
+    """A progress bar on standard error; where that is no terminal, a line every `_EVERY` seconds.
 
     Args:
-        quiet: nothing at all.
+        quiet: show nothing.
     """
 
     def __init__(self, quiet: bool):
@@ -194,7 +194,7 @@ class _Display:
         return self
 
     def show(self, progress: SweepProgress) -> None:
-        """Show how far the sweep is."""
+        """Show the progress of the sweep."""
         self.shown = True
         bad = [f"{n} {what}" for n, what in ((progress.failed, "failed"), (progress.lost, "lost")) if n]
         if self._terminal:
@@ -206,7 +206,7 @@ class _Display:
             print(", ".join([f"{progress.done} of {progress.total} trials", *bad]), file=sys.stderr, flush=True)
 
     def hide(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self._bars.stop()
 
     def __exit__(self, *_: object) -> None:

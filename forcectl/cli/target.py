@@ -1,4 +1,4 @@
-"""What the arguments of a command name: values of keys, and the diagram of a scenario or of one's own."""
+"""Reading the arguments of a command: values of keys, and the diagram of a scenario or of the user's own."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def parse_settings(settings: Iterable[str] | None) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Shown:
-    """What an argument of a command names, to be drawn or examined.
+    """The object to be drawn or examined that an argument of a command names.
 
     Attributes:
-        name: for files.
+        name: for the names of files.
         content: the diagram or block, or a state machine.
-        code: lines that say which code beside forcectl's own it names; see `forcectl.scenario.code`.
-        chosen: the scenario; None of an import path.
-        signals: of the loop of every variant that was built.
+        code: lines that list the code it names outside of forcectl; see `forcectl.scenario.code`.
+        chosen: the scenario; None for an import path.
+        signals: names of the signals of the loop, by variant, of every variant that was built.
     """
 
     name: str
@@ -75,14 +75,14 @@ def named_diagram(
         target: name of a shipped experiment, path of a YAML file, or "package.module:function".
         variant: of the scenario; the first one when None.
         settings: as for `parse_settings`.
-        fidelity: instead of the scenario's.
-        allow: names of modules that it may name.
-        whole: take the other variants, too, and build them to find what is wrong with them.
+        fidelity: replaces the scenario's.
+        allow: names of modules that the scenario may name.
+        whole: also build the other variants, to find their errors.
 
     Raises:
         BadInputError: there is no such scenario or function, or it cannot be built.
     """
-    if ":" in target and not os.path.exists(target):  # no file that has a colon in its name
+    if ":" in target and not os.path.exists(target):  # not a file with a colon in its name
         return Shown(target.rpartition(":")[2], _call_for_diagram(target), said({"": target}))
     chosen = choose(target, variant, parse_settings(settings), None, fidelity, allow or (), whole=whole)
     content, signals = chosen.looked_through()
@@ -97,7 +97,7 @@ def named_machine(
     Args: as for `named_diagram`, without import paths.
 
     Raises:
-        BadInputError: there is no such scenario, or its controller has no state machine, or one that is none.
+        BadInputError: there is no such scenario, or its controller has no state machine, or one of a wrong type.
     """
     chosen = choose(target, variant, parse_settings(settings), None, fidelity, allow or (), whole=False)
     scenario, name = chosen.first, chosen.file.name
@@ -115,7 +115,7 @@ def _code(chosen: Chosen) -> list[str]:
 
 
 def said_of(shown: Shown) -> list[str]:
-    """Lines on the gains that an experiment finds before each run of the first variant, and on unread keys of any."""
+    """Lines on gains that an experiment finds before each run of the first variant, and on unread keys of all."""
     if shown.chosen is None:
         return []
     scenarios = shown.chosen.scenarios
@@ -133,7 +133,7 @@ def _call_for_diagram(path: str) -> System:
         diagram = function()
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # whatever the user's function does
+    except BaseException as error:  # the user's function may raise anything
         if (loop := loop_behind(error)) is not None:
             raise BadInputError(f" = {path!r}: {loop.text}", key="diagram") from error
         raise BadInputError(f"{wanted}, but raised {one_line(error)}", key="diagram") from error

@@ -1,4 +1,4 @@
-"""Variants of a scenario that are to be run, drawn or checked."""
+"""The variants of a scenario to be run, drawn or checked."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Chosen:
 
     Attributes:
         file: the scenario.
-        changes: of all of them, dotted key -> value.
+        changes: overrides of all of them, dotted key -> value.
         scenarios: by the name of the variant, at least one.
     """
 
@@ -49,7 +49,7 @@ class Chosen:
 
     @property
     def title(self) -> str:
-        """Of the scenario, or else its name."""
+        """The title of the scenario, or else its name."""
         return self.first.title or self.file.name
 
     @property
@@ -62,7 +62,7 @@ class Chosen:
         return made_of(dump(resolved_tree({variant: self.scenarios[variant]})))
 
     def where(self, variant: str) -> Callable[[str], str]:
-        """What says for a dotted key of a variant which file and line it is from."""
+        """A function that returns file and line of a dotted key of a variant."""
         return origins(self.file, variant, self.changes)
 
     def build(self, variant: str) -> Loop:
@@ -74,7 +74,7 @@ class Chosen:
         return build(self.scenarios[variant], self.where(variant))
 
     def diagram(self) -> Diagram:
-        """The diagram of the first variant; the others are built, too, to find what is wrong with them.
+        """The diagram of the first variant; the others are built, too, to find their errors.
 
         Raises:
             BadInputError: a variant cannot be built.
@@ -82,7 +82,7 @@ class Chosen:
         return self.looked_through()[0]
 
     def looked_through(self) -> tuple[Diagram, dict[str, set[str]]]:
-        """As `diagram`; and the signals of the loop of every variant."""
+        """As `diagram`; and the names of the signals of the loop of every variant."""
         loops = ((variant, self.build(variant)) for variant in self.scenarios)
         variant, first = next(loops)
         signals = {variant: set(first.signals)} | {other: set(loop.signals) for other, loop in loops}
@@ -92,8 +92,8 @@ class Chosen:
         """Refuse changes that would make variants the same under different names.
 
         Raises:
-            BadInputError: several variants are chosen, and one of them sets a changed key, a part of it, or what it is
-                a part of.
+            BadInputError: several variants are chosen, and one of them sets a changed key, a part of it, or a key
+                that contains it.
         """
         if len(self.scenarios) < 2:
             return
@@ -122,7 +122,7 @@ def choose(
     Args:
         scenario, overrides, seed, fidelity, allow_imports: see `load_scenario`.
         variant: its name; None: all.
-        whole: False: of all only the first one.
+        whole: False: only the first one of all.
 
     Raises:
         BadInputError: the scenario cannot be used.

@@ -11,7 +11,7 @@
 A run that had to stop leaves `<name>.failed` instead, with the log up to there and without metrics of what did not
 finish; its manifest has `"status": "failed"` and the reason. So does one whose pictures cannot be drawn. One that was
 interrupted leaves `<name>.interrupted`, without pictures, `"status": "interrupted"`; where its process was killed, with
-the variants that had finished, whose logs are also one by one in `variants/`. How a directory comes to be: `claims`.
+the variants that had finished, whose logs are also one by one in `variants/`. How a directory is written: `claims`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _PACKAGES = ("drake", "numpy", "scipy", "xarray", "h5netcdf", "h5py")
 
 
 def is_complete(folder: Path) -> bool:
-    """Whether a folder has all that a run is read from."""
+    """Whether a folder has all files that a run is read from."""
     return all((folder / name).is_file() for name in DATA[1:])
 
 
@@ -64,7 +64,7 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file that outlives a loss of power; an earlier one stays as it is until the new one is whole."""
+    """Write a file that survives a loss of power; an earlier one stays until the new one is complete."""
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     with Interrupts(held=True):
         try:
@@ -96,7 +96,7 @@ def made_of(scenario_text: str) -> dict[str, Any]:
 
 
 def made_alike(manifest: Mapping[str, Any], made_of: Mapping[str, Any]) -> bool:
-    """Whether the run of a manifest was made of this, see `made_of`."""
+    """Whether a manifest has the same values as `made_of`, so that its run has the same log."""
     return all(manifest.get(name) == value for name, value in made_of.items())
 
 

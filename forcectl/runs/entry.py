@@ -1,4 +1,4 @@
-"""The tools of the package root: what `forcectl graph` and `forcectl check` do, from Python."""
+"""Functions of the package root that do from Python what `forcectl graph` and `forcectl check` do."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def check(
     command: PortName | None = None,
     scheme: str | None = None,
 ) -> Report:
-    """What is wrong with the diagram of a scenario, or with any Drake diagram, and its periods and delays.
+    """Faults, periods and delays of the diagram of a scenario, or of any Drake diagram.
 
-    Of a scenario with variants the first one is examined; all others must be such that they can be built.
+    Of a scenario with variants the first one is examined; all others are built to find their errors.
 
     Args:
         scenario: name, path, mapping or `Scenario`; or any Drake diagram or block.
@@ -84,11 +84,11 @@ def margins(
     fidelity: str | None = None,
     allow_imports: Sequence[str] = (),
 ) -> list[LoopMargins]:
-    """How far the force loops of a scenario are from being unstable, by the linear systems of their parts.
+    """Stability margins of the force loops of a scenario, from the linear systems of their parts.
 
     Of a scenario with variants the first one is examined. Friction, limits and the inertia of links behind elastic
-    joints are left out; so are laws that are no linear system, or whose gains are found before the run. Of a law behind
-    `!Governed`, `!Passive` or `!Approach` they are those of the law alone.
+    joints are left out; so are laws that are no linear system, or whose gains are found before the run. For a law in
+    `!Governed`, `!Passive` or `!Approach` the margins are those of the law alone.
 
     Args:
         scenario: name, path, mapping or `Scenario`.
@@ -104,7 +104,7 @@ def margins(
 
 
 def margins_of(chosen: Chosen) -> list[LoopMargins]:
-    """Those of the first one of some variants, see `margins`."""
+    """The margins of the first one of some variants, see `margins`."""
     name, one = next(iter(chosen.scenarios.items()))
     try:
         return loop_margins(one.parts, one.setting())
@@ -121,7 +121,7 @@ def _system(
     allow_imports: Sequence[str],
     whole: bool = False,
 ) -> tuple[Any, str]:
-    """The diagram of a scenario and its title; what is no scenario as it is."""
+    """The diagram of a scenario and its title; any other object as it is, without a title."""
     if isinstance(scenario, ONE_SCENARIO):
         chosen = choose(scenario, variant, overrides, seed, fidelity, allow_imports, whole=whole)
         return chosen.diagram(), ", ".join(filter(None, (chosen.title, variant)))

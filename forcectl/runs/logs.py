@@ -3,11 +3,11 @@
 One variant is a dataset over `time` with the scalar coordinate `variant`; several are stacked along the dimension
 `variant`. Vector signals have a second dimension with the names of their components, such as `rub.force_x` of the
 wrench on a task `rub`, see `forcectl.diagrams.components`. Every variable has the attributes `units` and `long_name`,
-one whose components have several units also `component_units`, one for each with blanks between them. One that is the
-number of something, such as a mode, also has `flag_values` and, with blanks between the names, `flag_meanings` (CF
-conventions, section 3.5), and `flag_reasons`, a line `name: reason` for each one that has a reason, such as a failure
-of a state machine. `comment` says what a signal of the conventions is. The dataset says of which scenario it is and
-what it was made with, see `described`.
+one whose components have several units also `component_units`, one for each with blanks between them. A variable whose
+values are codes, such as the number of a mode, also has `flag_values` and, with blanks between the names,
+`flag_meanings` (CF conventions, section 3.5), and `flag_reasons`, a line `name: reason` for each code that has a
+reason, such as a failure of a state machine. `comment` explains a signal of the conventions. The attributes of the
+dataset name the scenario and the versions it was made with, see `described`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def _counted(numbers: type[IntEnum]) -> str:
     return ", ".join(f"{number.value} {number.name.lower()}" for number in numbers)
 
 
-# Numbers that are not one thing but several, digit by digit.
+# Comments on signals that are not in the conventions; each digit of a status has a meaning of its own.
 _COMMENTS = {
     "status": f"hundreds, what the guard does: {_counted(Reaction)}; tens, why: {_counted(Cause)}; "
     f"ones, the controller's own: {_counted(Status)}",
@@ -52,7 +52,7 @@ _MEANINGS = {"governor_status": tuple(number.name.lower() for number in Status)}
 
 
 class ChunkedLog:
-    """Samples of a run, taken out of the diagram's log piece by piece, so that each is looked at and copied once."""
+    """Samples of a run, moved out of the diagram's log in chunks, so that each is checked and copied once."""
 
     def __init__(self) -> None:
         self._times: list[Array] = []
@@ -70,7 +70,7 @@ class ChunkedLog:
         return times, data
 
     def cut(self, when: float) -> None:
-        """Forget the samples after the time `when` [s], which lies in the last piece."""
+        """Drop the samples after the time `when` [s], which lies in the last chunk."""
         keep = self._times[-1] <= when
         self._times[-1], self._data[-1] = self._times[-1][keep], self._data[-1][:, keep]
 
@@ -90,9 +90,9 @@ def to_dataset(
     """The log of one variant.
 
     Args:
-        times: (k,) [s].
-        values: (n, k).
-        signals: by name, as `LoggedSignal` says them.
+        times: of the samples, (k,) [s].
+        values: samples, (n, k).
+        signals: `LoggedSignal`s by name.
         variant: name of the variant.
         model_bandwidth: of the reference model [rad/s]; adds its response `model_force` [N].
         derived: further signals by name.
@@ -136,9 +136,9 @@ def _attributes(name: str, signal: Any, comment: str = "") -> dict[str, Any]:
 
     Args:
         name: of the signal.
-        signal: its `unit`, the `units` of its components where they differ, and the `meanings` of its values where it
-            is the number of something.
-        comment: what it is; empty: what is known of its name.
+        signal: its `unit`, the `units` of its components where they differ, and the `meanings` of its values where
+            they are codes.
+        comment: explanation; empty: the one that belongs to the name.
     """
     attributes = {"units": signal.unit, "long_name": name.replace("_", " ")}
     if len(set(signal.units)) > 1:
@@ -154,7 +154,7 @@ def _attributes(name: str, signal: Any, comment: str = "") -> dict[str, Any]:
 def stack(logs: Sequence[xr.Dataset]) -> xr.Dataset:
     """The logs of several variants as one, over (variant, time); shorter ones are filled up with NaN.
 
-    Where they have different components, such as tasks, all stand in the order in which they first come.
+    Where they have different components, such as tasks, all stand in the order of their first appearance.
     """
     if len(logs) == 1:
         return logs[0]
@@ -181,8 +181,8 @@ def described(
         log: of one variant or of several.
         name: of the scenario.
         scenario: of the first variant.
-        how: it came to its end otherwise than by its duration; "" else.
-        gains: that experiments found before the run, by variant and law; the attribute `gains`, as JSON.
+        how: it ended, if not after its duration; "" otherwise.
+        gains: found by experiments before the run, by variant and law; the attribute `gains`, as JSON.
     """
     found = {"gains": json.dumps(gains)} if gains else {}
     drake = metadata.version("drake")
@@ -204,22 +204,22 @@ def described(
 
 
 def _first_attributes(attributes: Sequence[dict[str, Any]], context: Any = None) -> dict[str, Any]:
-    """Those of the first variant, without meanings of values that are others in another one."""
+    """The attributes of the first variant, without meanings of values if these differ between variants."""
     first, *others = attributes
     same = all(each.get("flag_meanings") == first.get("flag_meanings") for each in others)
     return {name: value for name, value in first.items() if same or not name.startswith("flag_")}
 
 
 def prepare_to_write() -> None:
-    """Import all that `write_netcdf` takes: half a second that one who has pressed Ctrl-C does not wait for."""
+    """Import all that `write_netcdf` needs, so that writing after Ctrl-C is not delayed by half a second."""
     xr.Dataset().to_netcdf(engine="h5netcdf")
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     """Write a log; the same log gives the same file."""
-    packed = {"zlib": True, "complevel": 1, "shuffle": True}  # shuffled: an eighth smaller, and sooner written
+    packed = {"zlib": True, "complevel": 1, "shuffle": True}  # shuffled: an eighth smaller, and faster
     encoding = {name: packed for name in dataset.data_vars if dataset[name].ndim}
-    # By way of memory: on a full disk HDF5 does not say so but ends the process, when it closes the file.
+    # Written in memory first: on a full disk HDF5 ends the process without an error, when it closes the file.
     dask = sys.modules.get("dask")
     # On a worker of Dask xarray would ask the scheduler for a lock on the memory, which cannot be sent there.
     with dask.config.set(scheduler="synchronous") if dask else contextlib.nullcontext():
@@ -232,13 +232,13 @@ def read_netcdf(path: str | Path) -> xr.Dataset:
     """Read a log into memory.
 
     Raises:
-        BadInputError: the file cannot be read, is no NetCDF, or a damaged one, is too large or names other files.
+        BadInputError: the file cannot be read, is not NetCDF, is damaged, is too large or refers to other files.
     """
     hook, sys.unraisablehook = sys.unraisablehook, lambda lost: None  # half a file that h5netcdf fails to close
     try:
         try:
             check_netcdf(Path(path))
-            # Phony: what a file without dimensions has in their place, so that it can be said what is missing.
+            # Phony dimensions let a file without dimensions be opened, so that a message can say what is missing.
             with (
                 warnings.catch_warnings(action="ignore"),
                 xr.open_dataset(path, engine="h5netcdf", phony_dims="access") as dataset,
@@ -256,15 +256,15 @@ def read_netcdf(path: str | Path) -> xr.Dataset:
 def first_fault(
     times: Array, values: Array, signals: Mapping[str, Any], limits: Mapping[str, float], *, faulty: bool = False
 ) -> tuple[str, float, float] | None:
-    """The first sample that no healthy run has: (signal, time [s], value), or None.
+    """The first sample that is not finite or exceeds its limit: (signal, time [s], value), or None.
 
     Args:
-        times: (k,) [s].
-        values: (n, k).
+        times: of the samples, (k,) [s].
+        values: samples, (n, k).
         signals: name -> rows.
         limits: name -> largest absolute value; every signal must be finite.
-        faulty: readings fail on purpose: then commands and what only the simulation knows must be numbers, the rest may
-            be none, and a measured force infinite.
+        faulty: sensor faults are simulated. Then only commands and true signals of the simulation must be finite; the
+            others may be NaN, and a measured force also infinite.
     """
     found = []
     for name, signal in signals.items():

@@ -1,4 +1,4 @@
-"""Samples of outputs that a scenario names beside the signals of its loop."""
+"""Samples of output ports that a scenario logs in addition to the signals of its loop."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from forcectl.diagrams.loop import Loop
 
 
 class Probed:
-    """Samples of the probes of a loop, taken when its log takes its own.
+    """Samples of the probes of a loop, taken at the times of its log.
 
     Args:
-        loop: with probes, or without any.
-        simulator: of its diagram; where there are probes its monitor takes the samples.
+        loop: with or without probes.
+        simulator: of its diagram; if there are probes, its monitor takes the samples.
     """
 
     def __init__(self, loop: Loop, simulator: Simulator):
@@ -35,7 +35,7 @@ class Probed:
         return EventStatus.DidNothing()
 
     def samples(self, times: Array) -> dict[str, Derived]:
-        """The signals at `times` (k,) [s] by name; NaN where a run stopped before one."""
+        """The signals at `times` (k,) [s] by name; NaN at times that the run has not reached."""
         found = {}
         for i, probe in enumerate(self._probes):
             missing = np.full(probe.port.size(), np.nan)

@@ -1,10 +1,10 @@
-"""Reproduction: experiments by variants by fidelities in parallel processes, the thesis' numbers beside ours.
+"""Reproduction: all variants and fidelities of experiments in parallel processes, compared with the thesis' numbers.
 
 Writes, under the output directory, one run directory per experiment and fidelity as soon as it has run, and with it
 `summary.json`: {experiment: {target: {published, ours, deviation, tolerance, pass, expected, drift}}}. Targets of an
 experiment that runs on several fidelities end in the fidelity, in brackets; `pass` is null for a value that is reported
-but not judged there, `drift` for one without an expected number there. A line that is known to be missed has its reason
-as `gap`; one that is met after all is reported as out of date. In the end `report.html` shows them with the figures.
+but not judged there, `drift` for one without an expected number there. A target that is known to be missed has the
+reason as `gap`; a gap whose target is met is reported as out of date. At the end `report.html` shows all with figures.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict
 from forcectl.scenario.scenario import ONE_SCENARIO, Named, as_file, build, origins, resolve
 
-Progress = Callable[[str, float], None]  # (what, share done)
-_DEATHS = 2  # of the process of a variant, after which it is a failed row
+Progress = Callable[[str, float], None]  # (name of a part, share done)
+_DEATHS = 2  # deaths of the process of a variant, after which it is a failed row
 
 
 @dataclass(frozen=True)
 class _Part:
-    """One experiment on one fidelity: the unit of a run directory."""
+    """One experiment on one fidelity, which has a run directory of its own."""
 
     chosen: Chosen
     fidelity: str
@@ -49,7 +49,7 @@ class _Part:
 
     @property
     def name(self) -> str:
-        """Of the experiment."""
+        """Name of the experiment."""
         return self.chosen.file.name
 
 
@@ -70,7 +70,7 @@ class Reproduction:
 
     Attributes:
         directory: of the results; None where they were not written.
-        notes: what there is to say of an earlier reproduction that this one goes on with.
+        notes: remarks on an earlier reproduction that this one continues.
     """
 
     parts: list[PartReport] = field(default_factory=list)
@@ -79,7 +79,7 @@ class Reproduction:
 
     @property
     def passed(self) -> bool:
-        """Whether what is missed is what is known to be, and no value has drifted from its expected number."""
+        """Whether only known gaps are missed, all of them are, and no value has drifted from its expected number."""
         return not any(v.surprising or v.stale or v.drifted for part in self.parts for v in part.verdicts)
 
     def summary(self) -> dict[str, dict[str, dict[str, object]]]:
@@ -111,10 +111,10 @@ def reproduce(
         variant: this one only, with the expectations that are about it alone.
         overrides, seed, allow_imports: of every experiment, see `load_scenario`.
         fidelity: this one only; otherwise the `fidelities` of each experiment.
-        out: directory to write; nobody else can have it from now on. None writes nothing.
+        out: directory to write, reserved for this process from now on. None writes nothing.
         workers: processes; None: one per processor.
         force: replace an earlier reproduction in `out`.
-        resume: go on with the one in `out`: what has finished there is not run again, what failed is.
+        resume: continue the one in `out`: finished experiments are not run again, failed ones are.
         progress: called with the name of a part and the share of its variants that is done.
 
     Raises:
@@ -161,7 +161,7 @@ def reproduce(
 
 
 def _opened(out: Place, force: bool, resume: bool, stack: contextlib.ExitStack) -> Path:
-    """The directory of a reproduction, kept to this process."""
+    """The directory of a reproduction, reserved for this process."""
     if resume:
         directory = Path(os.path.expanduser(str(out)))
         if not (directory / SUMMARY).is_file():
@@ -175,16 +175,16 @@ def _opened(out: Place, force: bool, resume: bool, stack: contextlib.ExitStack) 
 
 
 class _Work:
-    """A reproduction at work.
+    """A running reproduction.
 
     Args:
-        parts: what it is of.
+        parts: to be run.
         directory: of the results; None: they are not written.
         progress: see `reproduce`.
 
     Attributes:
         reports: of the parts that have finished, by number.
-        kept: whether variants of other parts are kept; known when it is closed.
+        kept: whether variants of unfinished parts are kept; set by `close`.
     """
 
     def __init__(self, parts: Sequence[_Part], directory: Path | None, progress: Progress | None):
@@ -194,7 +194,7 @@ class _Work:
         self._claims: dict[int, Claim] = {}
 
     def jobs(self) -> list[tuple[int, str]]:
-        """What is to be simulated: number of the part, and variant."""
+        """The simulations that are left: number of the part, and variant."""
         return [
             (i, variant)
             for i, part in enumerate(self._parts)
@@ -204,12 +204,12 @@ class _Work:
         ]
 
     def result(self) -> Reproduction:
-        """What there is up to now."""
+        """The result up to now."""
         reports = [self.reports[i] for i in sorted(self.reports)]
         return Reproduction(reports, self.directory, self._notes)
 
     def take_up(self) -> None:
-        """Find what an earlier reproduction had finished: the same experiments, made with the same versions."""
+        """Take over what an earlier reproduction of the same experiments and versions had finished."""
         for i, part in enumerate(self._parts):
             folder = self._folder(i)
             if is_complete(folder) and made_alike((stored := read_run(folder)).manifest, made_of(part.chosen.text)):
@@ -227,7 +227,7 @@ class _Work:
         self._write()
 
     def take(self, i: int, variant: str, outcome: VariantOutcome | str) -> None:
-        """A variant has been simulated: it is kept, or its part is judged and written where it was the last one."""
+        """Keep a simulated variant; after the last one of a part, judge and write the part."""
         part, outcomes = self._parts[i], self._outcomes[i]
         outcomes[variant], count = outcome, len(part.chosen.scenarios)
         if self._progress:
@@ -244,7 +244,7 @@ class _Work:
             self._write()
 
     def close(self) -> None:
-        """Keep what has finished of parts that have not."""
+        """Keep the finished variants of unfinished parts."""
         for claim in self._claims.values():
             self.kept = claim.interrupt() is not None or self.kept
             claim.release()
@@ -279,7 +279,7 @@ class InterruptedReproductionError(KeyboardInterrupt):
 
 
 def _interrupted(work: _Work | None, count: int) -> InterruptedReproductionError:
-    """What is raised where a reproduction of `count` parts is interrupted; a directory without any is removed."""
+    """The error of an interrupted reproduction of `count` parts; a directory without results is removed."""
     result = work.result() if work else Reproduction()
     done = f"interrupted: {len(result.parts)} of {count} finished"
     if work is None or work.directory is None:
@@ -299,7 +299,7 @@ def _parts(
 ) -> list[_Part]:
     first = choose(file, variant, overrides, seed, whole=False).first
     own = first.fidelities or [first.fidelity]
-    # One that names a single fidelity can be realised in no other.
+    # An experiment that names a single fidelity runs on no other.
     fidelities = [fidelity] if fidelity is not None and len(first.fidelities) != 1 else own
     parts = [_Part(choose(file, variant, overrides, seed, one), one, len(fidelities) > 1) for one in fidelities]
     for part in parts:
@@ -308,11 +308,11 @@ def _parts(
 
 
 def _job(task: tuple[int, str, ScenarioFile, Mapping[str, Any]]) -> VariantOutcome | str:
-    """One simulation in a worker process; a text when there is not even a log."""
+    """One simulation in a worker process; the text of the error if there is no log."""
     _, variant, file, overrides = task
     try:
         scenario = resolve(file, variant, overrides)
-        # Diagrams and exceptions do not travel between processes.
+        # Diagrams and exceptions cannot be sent between processes.
         loop = build(scenario, origins(file, variant, overrides))
         return replace(simulate(scenario, loop, variant), diagram=None, cause=None)
     except ForcectlError as error:
@@ -324,7 +324,7 @@ def _job(task: tuple[int, str, ScenarioFile, Mapping[str, Any]]) -> VariantOutco
 def _simulate_all(
     parts: Sequence[_Part], jobs: Iterable[tuple[int, str]], workers: int
 ) -> Generator[tuple[int, str, VariantOutcome | str], None, None]:
-    """The outcome of every variant of a part, by its number, as soon as it is there."""
+    """The outcome of every variant, with the number of its part, as soon as it is available."""
     waiting, deaths, found = deque(jobs), Counter[tuple[int, str]](), list[EndedTask]()
     with contextlib.closing(Workers(_job, (), max(1, min(workers, len(waiting))))) as pool:
         while True:
@@ -346,7 +346,7 @@ def _simulate_all(
 
 
 def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str], claim: Claim | None) -> PartReport:
-    """A part judged, and written to its directory."""
+    """Judge a part, and write it to its directory."""
     rows, chosen = [], part.chosen
     for name in chosen.scenarios:
         outcome = outcomes[name]
@@ -360,10 +360,10 @@ def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str], claim: Cl
         try:
             finish(chosen, simulated, claim)
         except StoppedRunError:
-            pass  # it is written beside, and a row already
+            pass  # it is written as `.failed`, and has a row already
         except StorageError:
             raise
-        except Exception as error:  # what cannot be drawn is a row, and costs no other result
+        except Exception as error:  # what cannot be drawn is a row; no other result is lost
             rows.append(Verdict("results", None, None, None, "must be written", False, one_line(error)))
     return _part_report(part, rows, {outcome.variant: outcome.metrics for outcome in done})
 

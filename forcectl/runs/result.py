@@ -1,4 +1,4 @@
-"""What a run gives: log, metrics and verdicts; or the error that it ended with."""
+"""The result of a run: log, metrics and verdicts; or the error that it ended with."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ class RunResult:
     diagram: Diagram  # of the first variant
     directory: Path | None  # None when nothing was written
     verdicts: list[Verdict] = field(default_factory=list)  # on the scenario's `expect`
-    assumed: dict[str, str] = field(default_factory=dict)  # of the robot, by key: the rule
+    assumed: dict[str, str] = field(default_factory=dict)  # key of the robot -> rule that is assumed
     scenario: Scenario | None = None  # of the first variant
     findings: dict[str, list[RunFinding]] = field(default_factory=dict)  # variant -> what the user should know
     realtime_factor: dict[str, float | None] = field(default_factory=dict)  # variant -> simulated by computing time
-    gains: dict[str, list[FoundGains]] = field(default_factory=dict)  # variant -> that experiments found before the run
+    gains: dict[str, list[FoundGains]] = field(default_factory=dict)  # variant -> found by experiments before it
 
     @property
     def passed(self) -> bool:
-        """Whether no expectation was missed but those that are known to be."""
+        """Whether no expectation was missed, except known gaps."""
         return not any(v.surprising for v in self.verdicts)
 
     def has_finding(self, severity: str | None) -> bool:
-        """Whether there is a finding of this severity, such as "warning", or of a worse one; not for None."""
+        """Whether there is a finding of this severity, such as "warning", or of a worse one; False for None."""
         if severity is None:
             return False
         least = parse_severity(severity, "severity")
@@ -75,7 +75,7 @@ class RunResult:
         """The metrics as rows, with their units, and the variants as columns.
 
         Args:
-            short: only what expectations look at, and a short list.
+            short: only the metrics of expectations, and a short list.
         """
         import pandas as pd
 

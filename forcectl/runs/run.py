@@ -62,14 +62,14 @@ def run(
             of them sets.
         seed: short for the override of `seed`.
         fidelity: short for that of `station.fidelity`.
-        out: directory to write (see `forcectl.runs.directory`), which nobody else can have from now on; None writes
+        out: directory to write (see `forcectl.runs.directory`), reserved for this process from now on; None writes
             nothing.
         force: replace an earlier run in `out`.
-        allow_imports: names of modules that it may name, see `load_scenario`.
+        allow_imports: names of modules that the scenario may name, see `load_scenario`.
         replay: also write each variant as an animation in three dimensions, one HTML page each.
         realtime_rate: at most this many simulated seconds per second, 0.001 to 1000; 0: as fast as possible.
         progress: called with the variant and the share of it that is done.
-        stage: called with what goes on: building, simulating, drawing.
+        stage: called with the current step: building, simulating, judging or writing.
 
     Raises:
         BadInputError: the scenario or the directory cannot be used; nothing was written.
@@ -103,7 +103,7 @@ def run(
                     return finish(chosen, outcomes, claim, replay=replay)
         except KeyboardInterrupt:
             pass  # the frames of the traceback hold the diagram
-        with passed_over():  # what is kept is kept, whoever is impatient
+        with passed_over():  # further interrupts do not stop the writing
             raise _keep_interrupted(chosen, outcomes, claim)
 
 
@@ -133,7 +133,7 @@ def finish(
                 mark = f"_{parts[outcome.variant]}" if len(parts) > 1 else ""
                 _write_files(folder, mark, outcome, chosen.scenarios[outcome.variant], replay)
         except Exception as error:
-            if isinstance(error, OSError):  # they may be there in part, and leave no room for the line that says so
+            if isinstance(error, OSError):  # pictures may be incomplete, and the disk too full for the note
                 keep_only(folder, DATA)
             if failed is None:
                 failure = f"pictures cannot be drawn: {one_line(error)}"
@@ -164,18 +164,18 @@ def _findings(outcomes: Sequence[VariantOutcome]) -> dict[str, list[RunFinding]]
 
 
 def _gains(outcomes: Sequence[VariantOutcome]) -> dict[str, dict[str, Any]]:
-    """The gains that experiments found: variant -> dotted key of the law -> who found them, and each."""
+    """The gains that experiments found: variant -> dotted key of the law -> the experiment, and each gain."""
     return {outcome.variant: {one.key: one.as_row() for one in outcome.gains} for outcome in outcomes if outcome.gains}
 
 
 def _log(chosen: Chosen, outcomes: Sequence[VariantOutcome], how: str) -> xr.Dataset:
-    """The log of variants, with the attributes of its file; `how` it ended is "" where it came to its end."""
+    """The log of variants, with the attributes of its file; `how` it ended is "" for a complete run."""
     log = stack([outcome.log for outcome in outcomes])
     return described(log, chosen.file.name, chosen.scenarios[outcomes[0].variant], how, _gains(outcomes))
 
 
 def keep_variant(claim: Claim, chosen: Chosen, outcomes: Sequence[VariantOutcome]) -> None:
-    """Make the last of the variants that have finished durable, in case the process is killed before all of them have.
+    """Write the last of the finished variants to disk, in case the process is killed before all have finished.
 
     Raises:
         StorageError: it cannot be written.
@@ -196,7 +196,7 @@ def _write_words(
     failure: str | None,
     verdicts: Sequence[Verdict] = (),
 ) -> None:
-    """What is text in a run directory; `status` is done, failed or interrupted, `failure` says why."""
+    """Write the text files of a run directory; `status` is done, failed or interrupted, `failure` says why."""
     first, text = chosen.first, chosen.text
     stopped = next((outcome.variant for outcome in outcomes if outcome.failure is not None), None)
     reason = ({"failure": failure} if failure else {}) | ({"failed_variant": stopped} if stopped else {})
@@ -245,7 +245,7 @@ def _keep_interrupted(chosen: Chosen, outcomes: Sequence[VariantOutcome], claim:
 
 
 def assumed_of(scenario: Scenario) -> dict[str, str]:
-    """Keys that the control parameters of a scenario's robot leave out, and the rules that stand for them."""
+    """Keys that the control parameters of a scenario's robot leave out, and the rules that replace them."""
     return RobotModel.load(scenario.station.robot, None).parameters.assumed
 
 
@@ -272,7 +272,7 @@ def verdicts_on(chosen: Chosen, outcomes: Sequence[VariantOutcome]) -> list[Verd
 
 
 def _write_files(folder: Path, mark: str, outcome: VariantOutcome, scenario: Scenario, replay: bool) -> None:
-    """What analyses have to say of a variant in files of their own, and its replay; `mark` ends the files' names."""
+    """Write the files of a variant's analyses, and its replay; `mark` is a suffix of the file names."""
     setting = scenario.setting()
     if replay and outcome.log.sizes["time"]:
         from forcectl.runs.replay.write import write_replay

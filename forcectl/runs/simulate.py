@@ -1,4 +1,4 @@
-"""Simulating one variant: find its gains, build, advance piece by piece, watch the log, measure the speed."""
+"""Simulating one variant: find its gains, build, advance in chunks, check the log, measure the speed."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from forcectl.runs.probed import Probed
 from forcectl.scenario.gains import FoundGains, asks_for_gains, identifications, text_of, with_gains
 from forcectl.scenario.scenario import Scenario, build
 
-CHUNK = 0.25  # [s] of simulated time between two looks at the log
+CHUNK = 0.25  # [s] of simulated time between two checks of the log
 FOUND: dict[str, dict[str, float | None]] = {}  # text of an experiment that finds gains -> its metrics, in this process
-MOST_FOUND = 100  # of them that are kept
+MOST_FOUND = 100  # entries that are kept
 _NOT_CONVERGED, _ADVICE = "solver failed to converge", " Reasons for divergence"  # in a message of Drake's
 
 
@@ -37,7 +37,7 @@ class VariantOutcome:
 
     Attributes:
         metrics, findings: of the log; empty after a failure.
-        gains: that an experiment found before the run, see `found_gains`.
+        gains: found by an experiment before the run, see `found_gains`.
         failure: why it had to stop; the log then ends there.
         interrupted: by Ctrl-C; `failure` then says when.
         realtime_factor: simulated time divided by computing time [1]; None where several were computed at once.
@@ -85,7 +85,7 @@ def simulate(
         return replace(simulate(tuned, build(tuned), variant, realtime_rate, progress), gains=gains)
     with Interrupts(held=True) as interrupts:
         outcome = _simulated(scenario, loop, variant, realtime_rate, progress, interrupts)
-        if interrupts.asked and not interrupts.heeded:  # when all was simulated: the log is kept
+        if interrupts.asked and not interrupts.heeded:  # after the last step: the log is kept
             interrupts.heeded = True
             if outcome.failure is None:
                 failure = f"interrupted at t = {float(outcome.log['time'][-1]):.3f} s"
@@ -139,7 +139,7 @@ def _simulated(
     progress: Callable[[str, float], None] | None,
     interrupts: Interrupts,
 ) -> VariantOutcome:
-    """What `simulate` does, while interrupts are held: they stop Drake between two looks at the log."""
+    """`simulate` with interrupts held; only while Drake advances they are let through."""
     simulator = Simulator(loop.diagram)
     context = simulator.get_mutable_context()
     simulator.set_target_realtime_rate(realtime_rate)
@@ -220,7 +220,7 @@ def judged(scenario: Scenario, setting: Setting, outcome: VariantOutcome) -> Var
 
 
 def fault_of(name: str, when: float, value: float, unit: str) -> str:
-    """What is said of a sample that no healthy run has, see `first_fault`."""
+    """The text about a faulty sample, see `first_fault`."""
     what = "is not a number" if np.isnan(value) else f"diverges ({value:.4g} {unit})"
     return f"{name} {what} at t = {when:.4f} s"
 
@@ -233,7 +233,7 @@ def advance(
     Args:
         simulator: of a diagram.
         until: the time to come to [s].
-        interrupts: that are held; they stop it.
+        interrupts: that are held; they are let through, and stop the advance.
     """
     started = time.perf_counter()
     try:
@@ -255,11 +255,11 @@ def advance(
 
 
 def why_stopped(diagram: Diagram, context: Context, error: BaseException) -> str:
-    """What is said of a simulation that an error stopped: of which block, when, and the error.
+    """The text about a simulation that an error stopped: block, time and error.
 
     Args:
         diagram: that was simulated.
-        context: its, as the error left it.
+        context: of the diagram, as the error left it.
         error: of a block or a solver.
     """
     text = " ".join(str(error).split())
@@ -275,7 +275,7 @@ def why_stopped(diagram: Diagram, context: Context, error: BaseException) -> str
 
 
 def _is_sound(block: System, context: Context) -> bool:
-    """Whether the state of a block is finite, but for what is not so by default: there it stands for "none"."""
+    """Whether the state of a block is finite, except entries that are not so by default, which stand for "none"."""
     now, default = (_state(each) for each in (block.GetMyContextFromRoot(context), block.CreateDefaultContext()))
     return bool((np.isfinite(now) | ~np.isfinite(default)).all())
 

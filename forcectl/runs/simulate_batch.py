@@ -1,4 +1,4 @@
-"""Simulating scenarios of one dimension as the elements of one diagram."""
+"""Simulating one-dimensional scenarios as the elements of one batched diagram."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from forcectl.scenario.gains import asks_for_gains
 from forcectl.scenario.scenario import Scenario
 
 MOST = 200  # elements of a batch; more are hardly faster
-_MOST_SAMPLES = 2e7  # of the signals of all elements
-_ROWS = 10  # signals of an element, about
+_MOST_SAMPLES = 2e7  # largest number of samples of the signals of all elements
+_ROWS = 10  # approximate number of signals of an element
 
 
 def batch_size(scenario: Scenario) -> int:
@@ -45,7 +45,7 @@ def simulate_batch(
     """Simulate scenarios that differ only in the numbers that elements of a batch may differ in, and in their seeds.
 
     An outcome equals that of `simulate` to rounding, and bit for bit that in any other batch. A batch has no guard:
-    what one could have acted on is simulated again, alone and guarded.
+    an element on which the guard could have acted is simulated again, alone and with the guard.
 
     Args:
         scenarios: for which `batch_size` is not 0; of each a loop can be built.
@@ -53,7 +53,7 @@ def simulate_batch(
         progress: called with the variant and the share done, now and then.
 
     Raises:
-        BadInputError: they differ in more.
+        BadInputError: they differ in other values.
         RunFailedError: the simulation stopped.
     """
     workcell, settings, loops = scenarios[0].setting().workcell, [], []
@@ -99,7 +99,7 @@ class _Batch:
         found = {first: LoggedSignal(slice(0, 1), own[first].unit, None), "motor_position": motors}
         for row, name in enumerate(list(own)[1:], 1 + len(joints)):
             found[name] = replace(own[name], rows=slice(row, row + 1), labels=None, dimension=None)
-        # Zero where a guard passes, see `passes`.
+        # Zero where a guard does not act, see `passes`.
         if self.scenarios[0].guard is not None and "status" not in own:
             end = len(own) + len(joints)
             found["status"] = LoggedSignal(slice(end, end + 1), unit_of("status"), None)
@@ -120,7 +120,7 @@ class _Batch:
         return np.concatenate(found)
 
     def passes(self, element: int, scenario: Scenario, setting: Setting, values: Array, failed: bool) -> bool:
-        """Whether the guard of an element would have passed on all of its part of the log (n, k)."""
+        """Whether the guard of an element, if it has one, would not have acted on any sample of the log (n, k)."""
         if scenario.guard is None:
             return True
         names = ("desired_force", "measured_force", "displacement_command")
@@ -128,7 +128,7 @@ class _Batch:
         return not failed and scenario.guard.passes(setting.model, desired, measured, command)
 
     def run(self, progress: Callable[[float], object]) -> tuple[Array, Array, dict[int, tuple[str, float]]]:
-        """Simulate; returns times (k,) [s], the log (n, k), and of elements that failed why and when [s]."""
+        """Simulate; returns times (k,) [s], the log (n, k), and reason and time [s] of failed elements."""
         simulator, log = Simulator(self.loop.diagram), ChunkedLog()
         context = simulator.get_mutable_context()
         failures: dict[int, tuple[str, float]] = {}

@@ -39,7 +39,7 @@ class StoredRun:
 
     @property
     def name(self) -> str:
-        """Of the scenario."""
+        """Name of the scenario."""
         return str(self.manifest["scenario"])
 
     @property
@@ -50,7 +50,7 @@ class StoredRun:
 
     @property
     def code(self) -> list[str]:
-        """Lines that say which code beside forcectl's own the run was made with."""
+        """Lines that list the code outside of forcectl that the run was made with."""
         return said(code_in(find_scenario(self.directory / "scenario.yaml")))
 
     def draw(self, allow_imports: Sequence[str] = ()) -> Path:
@@ -103,7 +103,7 @@ def read_run(directory: Path) -> StoredRun:
         for name in ("scenario", "fidelity", "status"):
             if not isinstance(manifest[name], str):
                 raise invalid(name, manifest[name], "text")
-        manifest["seed"]  # which there must be
+        manifest["seed"]  # KeyError if it is missing
         verdicts = [Verdict.from_row(target, row) for target, row in manifest.get("expectations", {}).items()]
     return StoredRun(directory, manifest, recorded, findings, verdicts)
 
@@ -120,7 +120,7 @@ def read_reproduction(directory: Path) -> dict[str, list[Verdict]] | None:
 
 @contextmanager
 def _written(path: Path) -> Iterator[Any]:
-    """The content of a JSON file, None of others; what is raised within because it is not as it was written says so."""
+    """Context with the content of a JSON file, None for others; errors from unexpected content name the file."""
     content = _read(path) if path.suffix == ".json" else None
     try:
         yield content

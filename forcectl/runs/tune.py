@@ -1,4 +1,4 @@
-"""Tuning from a recorded experiment: gains, a report on them, the loop to expect, and a scenario that runs it.
+"""Tuning from a recorded experiment: gains, a report on them, a prediction of the loop, a scenario that runs it.
 
 controller.yaml  a scenario with the controller `!Vrft`, for `forcectl run`
 summary.json     gains in both forms, fit report, warnings
@@ -40,8 +40,8 @@ from forcectl.tuning.vrft import fit_vrft
 
 CONTROLLER = "controller.yaml"
 _CONTROL_PERIOD = 0.002  # [s] of the shipped station
-_SOFTEST = 1.0  # [m/N] of a robot
-_HYSTERESIS = 0.1  # that the static gain of the plant model may differ from that of the rests by
+_SOFTEST = 1.0  # [m/N] largest compliance of a robot
+_HYSTERESIS = 0.1  # largest relative difference of the static gains of plant model and rests
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Tuned:
 
     Attributes:
         compensated: whether the robot's compliance was fed back in the experiment.
-        input: "command" or "motor", which the controller is from, see `forcectl.tuning.motor_positions`.
-        other: the fit on the other one; None where the motors were not recorded.
+        input: "command" or "motor", which the controller is tuned on, see `forcectl.tuning.motor_positions`.
+        other: the fit on the other input; None where the motors were not recorded.
     """
 
     config: ReferenceModelConfig
@@ -64,7 +64,7 @@ class Tuned:
 
     @property
     def bandwidth(self) -> float:
-        """Of the first-order reference model that was asked for, or that comes near the one of higher order [rad/s]."""
+        """Bandwidth of the first-order reference model that was given, or that approximates another one [rad/s]."""
         asked = self.config.bandwidth if self.config.order == 1 else None
         return asked if asked is not None else _round(self.fit.model.bandwidth)
 
@@ -87,7 +87,7 @@ class Tuned:
         """The controller in a loop with a contact as stiff as that of the record."""
         station = Tagged({"environment": Tagged({"stiffness": _round(self.stiffness)})})
         if not self.compensated:
-            # Without the feedback of (4.12) the record cannot tell robot from environment.
+            # Without the feedback of (4.12) the record does not separate robot and environment.
             station["elastic_joints"] = False
         horizon = self.fit.predicted_step.size * self.fit.model.period
         return Tagged(
@@ -104,18 +104,18 @@ class Tuned:
 
     @property
     def stiffness(self) -> float:
-        """Of the contact: of the plant model, or of the rests between the moves where the model fails there [N/m]."""
+        """Contact stiffness: of the plant model, or of the rests between moves if the model does not fit [N/m]."""
         shown, model = self.record.gain_at_rest, self.fit.plant.static_gain
         return -shown if shown is not None and abs(model - shown) > _HYSTERESIS * abs(shown) else -model
 
     @property
     def step(self) -> float:
-        """A step of the reference within what was recorded [N]."""
+        """A step of the reference within the recorded forces [N]."""
         return _round(max(0.8 * float(self.record.y.max()), 1.0), 2)
 
     @property
     def by_input(self) -> dict[str, dict[str, float]]:
-        """The gains of VRFT on commands and on motor positions, as far as there are, by the names of the gains."""
+        """The gains of VRFT by input, commands and motor positions as far as recorded, and by name of the gain."""
         fits = {self.input: self.fit}
         if self.other is not None:
             fits[next(name for name in INPUTS if name != self.input)] = self.other
@@ -131,7 +131,7 @@ class Tuned:
 
     @property
     def stick(self) -> float | None:
-        """By how much K_P on commands is off that on motor positions, as a share; None where one is unknown."""
+        """Relative difference of K_P on commands from that on motor positions; None where one is unknown."""
         if self.other is None or self.fit.pid is None:
             return None
         of_command, of_motor = (self.fit, self.other) if self.input == "command" else (self.other, self.fit)
@@ -139,7 +139,7 @@ class Tuned:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Of the fit, and of the record."""
+        """Warnings about the fit and the record."""
         own, of_model = [], -self.fit.plant.static_gain
         differs = self.stick
         if differs is not None and differs > STICKS:
@@ -186,16 +186,16 @@ def tune_vrft(
         data: CSV file or log.nc.
         reference_model: bandwidth [rad/s], or the text of a mapping with the keys of `ReferenceModelConfig`.
         form: "continuous" or "discrete" PID, either with ":pi" without K_D, or "fir:N" with N coefficients.
-        prefilter: L = M (1 - M).
-        refine: take better gains than those of VRFT where a plant model made of the record is good enough to tell; see
-            `fit_vrft`.
+        prefilter: filter the data with L = M (1 - M).
+        refine: take better gains than those of VRFT where a plant model identified from the record is good enough;
+            see `fit_vrft`.
         second: record of a second, equal experiment, used as instrument.
         input_column, output_column, variant, flip_input: see `read_record`.
-        compensated: whether the compliance of the robot was fed back in the experiment (4.12); None: by the name of the
-            input, which is not when it is `displacement_command`.
+        compensated: whether the compliance of the robot was fed back in the experiment (4.12); None: yes,
+            unless the name of the input is `displacement_command`.
         learn_from: "command", as in the thesis, or "motor", the positions of the motors, which friction does not spoil.
         robot_compliance: C_R_hat that was fed back [m/N]; None: from the columns of u_hat and dx_bar. For "motor".
-        out: directory to write; nobody else can have it from now on. None writes nothing.
+        out: directory to write, reserved for this process from now on. None writes nothing.
         force: replace an earlier result there.
 
     Raises:
@@ -247,7 +247,7 @@ def _instrument(record: Recorded, again: Recorded) -> np.ndarray:
     """The force of a second, equal experiment.
 
     Raises:
-        BadInputError: it is not that of an equal one.
+        BadInputError: the second experiment is not equal.
     """
     if again.u.size != record.u.size or not math.isclose(again.period, record.period, rel_tol=1e-3):
         raise BadInputError(
@@ -280,7 +280,7 @@ def _on_motor(record: Recorded, compensated: bool, robot_compliance: float | Non
 
 
 def _own_gains(fit: VrftFit) -> np.ndarray:
-    """Those of VRFT, whatever was refined."""
+    """The gains of VRFT, before any refinement."""
     return fit.gains if fit.vrft_gains is None else fit.vrft_gains
 
 
@@ -332,7 +332,7 @@ def _write_figures(tuned: Tuned, folder: Path) -> None:
 
     folder.mkdir()
     fit, record = tuned.fit, tuned.record
-    shown = slice(None, None, max(record.u.size // 20_000, 1))  # a picture has no room for more
+    shown = slice(None, None, max(record.u.size // 20_000, 1))  # a figure cannot show more
     force, of_model = record.y + record.y_rest, fit.plant.response(record.u) + record.y_rest
     title = f"{record.origin}: the plant model explains {100 * fit.plant.explained:.1f} % of the force"
     displacement = record.u + record.u_rest

@@ -1,4 +1,4 @@
-"""The report on a tuned controller: a table and a few lines in the terminal, the same and more as plain values."""
+"""The report on a tuned controller: a table and lines in the terminal, and the same with more as plain values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from forcectl.tuning.identifiability import HIGHEST
 
 
 def gains_table(fit: VrftFit) -> Table:
-    """The gains with their standard errors, which refined ones do not have."""
+    """The gains with their standard errors; refined gains have none."""
     table = new_table(f"{fit.basis.form} controller", "gain", "unit")
     table.columns[1].no_wrap = True
     for column in ("value", "standard error", "noise share"):

@@ -1,4 +1,4 @@
-"""Processes that work for this one: they leave Ctrl-C to it, use one thread each, and end when it does."""
+"""Worker processes: they leave Ctrl-C to the process that starts them, use one thread each, and end with it."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from typing import Any
 from forcectl.interrupts import for_this_process_alone
 
 MOST_MEMORY = 1.5e9  # [B] of a process, after which it is replaced: Drake 1.51 keeps every system written in Python
-GRACE = 5.0  # [s] after the end of its time that a task is given to end by itself
-_BEGUN = "begun"  # what a process says when it has been given a task
+GRACE = 5.0  # [s] after its timeout in which a task may end by itself
+_BEGUN = "begun"  # message of a process that has received a task
 
 
 @dataclass(frozen=True)
 class EndedTask:
-    """A task has ended, in whatever way.
+    """A task that has ended, whether with a result or not.
 
     Attributes:
-        task: what it was.
-        result: of the job; None where its process did not live to give one.
-        death: what became of the process then; "" else.
+        task: the task.
+        result: of the job; None where its process has died before.
+        death: how the process has died; "" otherwise.
         overdue: the process was ended because it took too long.
-        cancelled: whether the task had begun or not.
+        cancelled: the task was cancelled; it may have begun or not.
     """
 
     task: Any
@@ -49,10 +49,10 @@ class _Worker:
 
 
 class Workers:
-    """Processes that do tasks; one that dies, takes too long or has grown large is replaced.
+    """Processes that run tasks; one that dies, takes too long or uses too much memory is replaced.
 
     Args:
-        job: what they do: a function of a module, of `arguments` and the task; it raises nothing.
+        job: what they run: a function of a module, of `arguments` and the task; it must not raise.
         arguments: the same for every task.
         count: of processes.
         timeout: of a task [s]; None: none.
@@ -65,23 +65,23 @@ class Workers:
 
     @property
     def free(self) -> int:
-        """How many tasks it takes now."""
+        """Number of tasks that can be submitted now."""
         return self._count - self.busy
 
     @property
     def busy(self) -> int:
-        """How many tasks it has."""
+        """Number of tasks that are running."""
         return sum(worker.task is not None for worker in self._workers)
 
     def submit(self, task: Any) -> None:
-        """Give a task to a process that has none."""
+        """Send a task to an idle process."""
         worker = next((worker for worker in self._workers if worker.task is None), None) or self._start()
         worker.task = task
         with contextlib.suppress(OSError):  # it is dead: `wait` finds out
             worker.pipe.send(task)
 
     def wait(self) -> list[EndedTask]:
-        """The tasks that have ended since the last call; waits for a moment where there are none."""
+        """The tasks that have ended since the last call; waits up to 0.5 s if there are none."""
         wait([pipe for worker in self._workers for pipe in (worker.pipe, worker.process.sentinel)], timeout=0.5)
         return [ended for worker in list(self._workers) if (ended := self._look_at(worker)) is not None]
 
@@ -138,7 +138,7 @@ class Workers:
 
 
 def _work(pipe: Connection) -> None:
-    """What a process does: tasks, until nobody asks for any."""
+    """Main function of a process: run tasks until the pipe is closed."""
     end_with_parent()
     scale = 1 if sys.platform == "darwin" else 1024
     try:
@@ -148,17 +148,17 @@ def _work(pipe: Connection) -> None:
             pipe.send(_BEGUN)
             result = job(*arguments, task)
             pipe.send((result, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * scale))
-    except (EOFError, OSError):  # nobody is there any more
+    except (EOFError, OSError):  # the process that started this one has ended
         pass
-    except KeyboardInterrupt:  # a signal to the whole group: the one that started this process says it
+    except KeyboardInterrupt:  # Ctrl-C to the whole group: the process that started this one reports it
         sys.exit(1)
 
 
 @contextlib.contextmanager
 def starting_workers() -> Iterator[None]:
-    """Processes started within leave Ctrl-C to this one and use one thread: many with many threads are slower.
+    """Context whose processes leave Ctrl-C to this one and use one thread: many with many threads are slower.
 
-    Nor do they take modules from the working directory, as Python does by itself until it has the path of this process.
+    Nor do they import modules from the working directory, as Python would before it has the path of this process.
     """
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "PYTHONSAFEPATH")
     added = [name for name in names if name not in os.environ]
@@ -172,7 +172,7 @@ def starting_workers() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """End this process when the one that started it ends, whatever it is at."""
+    """End this process when the one that started it ends, even during a task."""
     threading.Thread(target=_wait_for_end, daemon=True).start()
 
 

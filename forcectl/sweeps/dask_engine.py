@@ -95,7 +95,7 @@ class DaskEngine:
 
     @property
     def free(self) -> int:
-        """How many tasks it takes now."""
+        """Number of tasks that can be submitted now."""
         if time.monotonic() > self._next_look:
             with self._scheduler_there():
                 self._threads = sum(self._client.nthreads().values())
@@ -104,7 +104,7 @@ class DaskEngine:
 
     @property
     def busy(self) -> int:
-        """How many tasks it has."""
+        """Number of tasks that have not ended."""
         return len(self._futures)
 
     def submit(self, task: Task) -> None:

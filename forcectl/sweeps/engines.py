@@ -21,11 +21,11 @@ class Engine(Protocol):
 
     @property
     def free(self) -> int:
-        """How many tasks it takes now."""
+        """Number of tasks that can be submitted now."""
 
     @property
     def busy(self) -> int:
-        """How many tasks it has."""
+        """Number of tasks that have not ended."""
 
     def submit(self, task: Task) -> None:
         """Take a task."""
@@ -52,12 +52,12 @@ class Sequential:
 
     @property
     def free(self) -> int:
-        """How many tasks it takes now."""
+        """Number of tasks that can be submitted now."""
         return 1 - len(self._waiting)
 
     @property
     def busy(self) -> int:
-        """How many tasks it has."""
+        """Number of tasks that have not ended."""
         return len(self._waiting)
 
     def submit(self, task: Task) -> None:

@@ -1,1 +1,1 @@
-"""Directories of results: who has one while it is written, and what is left of one that never was."""
+"""Directories of results: which process writes one, and what is left of one that was not completed."""

@@ -1,14 +1,14 @@
-"""One program at a time writes a directory of results, and it appears there only when it is complete.
+"""One process at a time writes a directory of results, which gets its name only when it is complete.
 
-Beside the directory `NAME` that is to come lies meanwhile the folder `.NAME.partial`::
+Until then the folder `.NAME.partial` stands beside the future directory `NAME`::
 
-    lock       held, as long as it lives, by the process that is written in it
+    lock       held by the writing process, which it names, as long as that lives
     results/   what `NAME` will be
     earlier/   what `NAME` was, while it is replaced
 
-The lock ends with its process, however that ends. What it leaves is settled by the next one who claims `NAME`, or by
-`forcectl list DIR --clean`: the results become `NAME.interrupted` where a variant of a run had finished, and are
-removed where none had.
+The lock ends with its process, even if that is killed. The next process that claims `NAME`, or `forcectl list DIR
+--clean`, then cleans up: the results become `NAME.interrupted` if a variant of a run had finished, and are removed
+otherwise.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Place = str | Path | Numbered
 
 
 class Claim:
-    """A directory of results that this process has to itself, see `claimed`.
+    """A directory of results that is reserved for this process, see `claimed`.
 
     Args:
         directory: where the results will be.
@@ -50,8 +50,8 @@ class Claim:
 
     Attributes:
         directory: where the results will be.
-        results: the folder where they are until then.
-        settled: where finished variants of a process that is gone are kept; None where there were none.
+        results: the folder that they are written to until then.
+        settled: where finished variants of an ended process are kept; None where there were none.
 
     Raises:
         BadInputError: see `claimed`.
@@ -85,23 +85,23 @@ class Claim:
         self._held.callback(self.clear)
 
     def _settle(self) -> Path | None:
-        """Deal with what a process that is gone has left."""
+        """Clean up after an ended process; returns where its finished variants are kept, or None."""
         _restore(self._earlier, self.directory)
         kept = salvage(self.results, _named(self.directory, INTERRUPTED))
         self.clear()
         return kept
 
     def write(self, fill: Callable[[Path], None], ending: str = "") -> Path:
-        """Let `fill` write the results, then give them their name.
+        """Let `fill` write the results, then rename them to the directory.
 
         What `fill` has written before an error is kept as `<name>.failed`.
 
         Args:
-            fill: is given the folder to write into.
-            ending: of the name, for a run that failed or was interrupted; an earlier one there is replaced.
+            fill: called with the folder to write into.
+            ending: suffix of the name, for a run that failed or was interrupted; an earlier one there is replaced.
 
         Returns:
-            the directory. Where another program has made one of this name meanwhile, both are kept, this one as
+            the directory. Where another process has made one of this name meanwhile, both are kept, this one as
             `<name>-1`.
 
         Raises:
@@ -114,7 +114,7 @@ class Claim:
                     fill(self.results)
                 interrupts.check()
             except Exception as error:
-                interrupts.check()  # one that passes through the start of a compiled module comes out as another error
+                interrupts.check()  # raised while a compiled module is imported, it arrives as another error
                 if not isinstance(error, OSError) and any(self.results.iterdir()):
                     self._publish(FAILED)
                 raise
@@ -122,7 +122,7 @@ class Claim:
 
     @contextlib.contextmanager
     def storing(self) -> Iterator[None]:
-        """Within, errors of the file system become one line, which says what is kept.
+        """Context that turns a file-system error into one line, which says what is kept.
 
         Raises:
             StorageError: something could not be written.
@@ -138,7 +138,7 @@ class Claim:
             raise StorageError(f"{why}; {kept}") from error
 
     def _keep(self) -> str:
-        """Keep a run that was simulated, or what had finished of one; says so."""
+        """Keep a complete run, or the finished variants of one; returns a text that says so."""
         if is_complete(self.results):
             return f"log and metrics are kept in {self._publish(FAILED)}"
         kept = self.interrupt()
@@ -150,16 +150,16 @@ class Claim:
             return salvage(self.results, _named(self.directory, INTERRUPTED))
 
     def clear(self) -> None:
-        """Remove what was written and has no name yet."""
+        """Remove results that have not been renamed yet."""
         shutil.rmtree(self.results, ignore_errors=True)
 
     def release(self) -> None:
-        """Let others have the directory; what is not written by then is removed."""
+        """Release the directory to other processes; unfinished results are removed."""
         with Interrupts(held=True):
             self._held.close()
 
     def _publish(self, ending: str) -> Path:
-        # Whenever this is stopped, nothing that has a name is there in part.
+        # If this is stopped anywhere, no directory with a final name is incomplete.
         shutil.rmtree(self.results / VARIANTS, ignore_errors=True)
         if not ending and not self._force:
             return _place(self.directory, self.results)
@@ -173,15 +173,15 @@ class Claim:
 
 @contextlib.contextmanager
 def claimed(place: Place, force: bool = False) -> Iterator[Claim]:
-    """Within, a directory of results is kept to this process.
+    """Context in which a directory of results is reserved for this process.
 
     Args:
-        place: the directory; a numbered one is the first that nobody has.
+        place: the directory; a `Numbered` one becomes the first that is free.
         force: it may exist, and is replaced when it is written.
 
     Raises:
-        BadInputError: it cannot be written to, it exists and `force` is not given, or another process is at work on it
-            (`InUseError`), which is named.
+        BadInputError: it cannot be written to, it exists and `force` is not given, or another process writes it
+            (`InUseError`, which names the process).
     """
     if not isinstance(place, Place):
         raise invalid("out", place, "the path of a directory")
@@ -212,7 +212,7 @@ def _numbered(place: Numbered) -> Claim:
             raise
         if free_name(folder, place.stem, first) == directory:
             return claim
-        claim.release()  # finished variants of an earlier one were found there, and have the name now
+        claim.release()  # finished variants of an ended process were found there, and took the name
 
 
 def write_whole(directory: Path, fill: Callable[[Path], None], force: bool = False) -> Path:
@@ -222,12 +222,12 @@ def write_whole(directory: Path, fill: Callable[[Path], None], force: bool = Fal
 
 
 def partial_of(directory: Path) -> Path:
-    """The folder of what is to be `directory`."""
+    """The folder in which `directory` is written until it is complete."""
     return directory.with_name(f".{directory.name}{PARTIAL}")
 
 
 def of_partial(folder: Path) -> Path:
-    """The directory that `folder`, see `partial_of`, is to be."""
+    """The directory that `folder` becomes; the inverse of `partial_of`."""
     return folder.with_name(folder.name.removeprefix(".").removesuffix(PARTIAL))
 
 
@@ -239,7 +239,7 @@ def check_free(directory: Path, force: bool) -> None:
         force: replace an earlier run there. Nothing but a run or an empty folder is ever replaced.
 
     Raises:
-        BadInputError: names the directory and the way out.
+        BadInputError: the directory cannot be used; the message says what to do.
     """
     for parent in directory.absolute().parents:
         if is_complete(parent):

@@ -1,4 +1,4 @@
-"""What lies in a folder of results: what is complete, what is being written, and what was left when a process ended."""
+"""The content of a folder of results: what is complete, being written, or left by a process that has ended."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _SWEEP = "sweep.json"
 
 @dataclass(frozen=True)
 class FoundResults:
-    """One directory of results, or what is to become one.
+    """One directory of results, complete or not.
 
     Attributes:
         directory: where the results are, or will be.
         kind: "run", "reproduction", "sweep" or "tuning"; "" where that is not known yet.
         state: in words.
-        left: whether it is what a process that is gone has left.
+        left: whether a process that has ended left it incomplete.
     """
 
     directory: Path
@@ -37,7 +37,7 @@ class FoundResults:
 
 
 def found_in(folder: Path) -> Iterator[FoundResults]:
-    """All that programs have written in a folder, or are writing, by name.
+    """All results in a folder, complete or not, sorted by name.
 
     Raises:
         BadInputError: the folder cannot be read.
@@ -54,15 +54,15 @@ def found_in(folder: Path) -> Iterator[FoundResults]:
 
 
 def found_at(directory: Path) -> FoundResults | None:
-    """What is being written to a directory, or was when its process ended; None for nothing."""
+    """The incomplete results of a directory, of a running or an ended process; None if there are none."""
     partial = directory if directory.name.endswith(PARTIAL) else partial_of(directory)
     return _partial(partial) if os.path.isdir(partial) else None
 
 
 def clean(folder: Path) -> list[str]:
-    """Deal with what processes that are gone have left in a folder; returns a line for each.
+    """Clean up what ended processes have left in a folder; returns a line of text for each.
 
-    What had finished is kept as `<name>.interrupted`, the rest is removed.
+    Finished variants are kept as `<name>.interrupted`, the rest is removed.
 
     Raises:
         BadInputError: it cannot be removed.

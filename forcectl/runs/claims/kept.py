@@ -1,7 +1,7 @@
-"""Variants of a run that have finished, kept one by one: what is left where the process is killed before the last one.
+"""Finished variants of a run, stored one by one, so that they remain if the process is killed before the last one.
 
-In the folder of the results stands `variants/<n>.nc`, the log, and `variants/<n>.json`, the rest, written after it; and
-scenario.yaml, manifest.json and metrics.json of what there is up to now, as of a run that was interrupted.
+The folder of the results holds `variants/<n>.nc`, the log, and `variants/<n>.json`, the rest, written after it; and
+scenario.yaml, manifest.json and metrics.json of the variants up to now, as for a run that was interrupted.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ VARIANTS = "variants"
 
 @dataclass(frozen=True)
 class KeptVariant:
-    """A variant that had finished: what it was made of, see `directory.made_of`, and its results."""
+    """A finished variant: what it depends on, see `directory.made_of`, and its results."""
 
     made_of: Mapping[str, Any]
     outcome: VariantOutcome
 
 
 def keep(results: Path, number: int, made_of: Mapping[str, Any], outcome: VariantOutcome) -> None:
-    """Make a finished variant durable.
+    """Write a finished variant to disk.
 
     Args:
-        results: the folder.
+        results: the folder of the results.
         number: of the variant.
-        made_of: what it depends on.
-        outcome: its results; one that has not failed.
+        made_of: what it depends on, see `directory.made_of`.
+        outcome: its results, of a variant that has not failed.
     """
     from forcectl.runs.logs import write_netcdf
 
@@ -63,14 +63,14 @@ def kept(results: Path) -> Iterator[KeptVariant]:
     for path in _rows(results):
         row = json.loads(path.read_text(encoding="utf-8"))
         findings = [RunFinding.from_row(each) for each in row["findings"]]
-        log = read_netcdf(path.with_suffix(".nc")).drop_encoding()  # which cuts longer names of other variants
+        log = read_netcdf(path.with_suffix(".nc")).drop_encoding()  # encodings cut longer names of others
         speed = row["realtime_factor"]
         outcome = VariantOutcome(row["variant"], log, row["metrics"], findings, realtime_factor=speed)
         yield KeptVariant(row["made_of"], outcome)
 
 
 def salvage(results: Path, target: Path) -> Path | None:
-    """Make an interrupted run of what was kept; replaces an earlier one.
+    """Turn the stored variants into an interrupted run; replaces an earlier one.
 
     Args:
         results: the folder where it was kept.
@@ -79,7 +79,7 @@ def salvage(results: Path, target: Path) -> Path | None:
     Returns:
         `target`; None where no variant had finished, and nothing was made.
     """
-    if is_complete(results):  # and was about to get its name
+    if is_complete(results):  # and was about to be renamed
         manifest = json.loads((results / "manifest.json").read_text(encoding="utf-8"))
         if manifest["status"] == "done":
             how = {"status": "interrupted", "failure": "interrupted before all was written"}
@@ -88,17 +88,17 @@ def salvage(results: Path, target: Path) -> Path | None:
         from forcectl.runs.logs import stack, write_netcdf
 
         _say_kept(results, [one.outcome for one in found])
-        with contextlib.suppress(OSError):  # a full disk: they are there one by one
+        with contextlib.suppress(OSError):  # on a full disk they remain one by one
             write_netcdf(stack([one.outcome.log for one in found]), results / "log.nc")
     else:
         return None
-    keep_only(results, (*DATA, VARIANTS))  # pictures may be there in part
+    keep_only(results, (*DATA, VARIANTS))  # pictures may be incomplete
     shutil.rmtree(target, ignore_errors=True)
     return results.rename(target)
 
 
 def _say_kept(results: Path, outcomes: Sequence[VariantOutcome]) -> None:
-    """Let the files of a run say which variants there are: its process may have ended while it wrote them."""
+    """Rewrite metrics and manifest for the variants that are there: the process may have ended while writing them."""
     manifest = json.loads((results / "manifest.json").read_text(encoding="utf-8"))
     manifest |= {"failure": f"its process ended {progress(results)}"}
     found = {one.variant: one.metrics | {"findings": [each.as_row() for each in one.findings]} for one in outcomes}

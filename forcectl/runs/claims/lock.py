@@ -1,4 +1,4 @@
-"""A folder that one process has to itself, and says which; it is free again when that process ends, however it ends."""
+"""A lock on a folder for one process, which it names; the lock ends with the process, even if that is killed."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from typing import IO
 from forcectl.errors import BadInputError, RunFailedError
 
 LOCK = "lock"
-_WAITS = (0.01, 0.05)  # [s] between attempts: one who only looks holds a lock for a moment, see `holder`
+_WAITS = (0.01, 0.05)  # [s] between attempts: `holder` takes the lock for a moment to read it
 _SOMEBODY = "another process"
 
 
 class StorageError(RunFailedError):
-    """A directory of results that cannot be written any more: full, or not there."""
+    """A directory of results cannot be written any more: the disk is full, or the directory is gone."""
 
 
 class InUseError(BadInputError):
-    """A directory of results that another process has."""
+    """A directory of results is in use by another process."""
 
 
 @contextlib.contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Errors of the file system become one line.
+    """Context that turns a file-system error into one line.
 
     Raises:
         StorageError: something could not be written.
@@ -41,15 +41,15 @@ def writing(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def locked(folder: Path, name: Path | None = None, make: bool = False) -> Iterator[None]:
-    """Keep a folder to this process.
+    """Context in which a folder is locked for this process.
 
     Args:
-        folder: that is locked.
-        name: that messages are about; None: of the folder.
-        make: make the folder where there is none, and remove it in the end where it is empty.
+        folder: to lock.
+        name: directory that messages name; None: the folder.
+        make: create the folder if there is none, and remove it at the end if it is empty.
 
     Raises:
-        InUseError: another process has it.
+        InUseError: another process has locked it.
         StorageError: it cannot be written.
     """
     with writing(name or folder), contextlib.ExitStack() as stack:
@@ -79,7 +79,7 @@ def locked(folder: Path, name: Path | None = None, make: bool = False) -> Iterat
 
 
 def holder(folder: Path) -> str | None:
-    """Which process has a folder to itself, in words; None for none."""
+    """The process that has locked a folder, in words; None if it is free."""
     try:
         with (folder / LOCK).open(encoding="utf-8") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -91,7 +91,7 @@ def holder(folder: Path) -> str | None:
 
 
 def _open(folder: Path, make: bool) -> IO[str]:
-    """The file of the lock, which is that of the folder: one who releases it removes it."""
+    """The opened lock file of the folder; a process that releases the lock removes file and folder."""
     while True:
         if make:
             folder.mkdir(parents=True, exist_ok=True)
@@ -114,7 +114,7 @@ def _lock(file: IO[str]) -> bool:
 
 
 def _is_at(file: IO[str], path: Path) -> bool:
-    """Whether an open file has not been removed meanwhile."""
+    """Whether an open file is still the one at a path."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""What all reports have in common: one file that needs no network, its style, and tables that a click sorts.
+"""The common base of all HTML reports: one file that needs no network, its style, and tables that a click sorts.
 
 A template begins with `{% extends "page.html.j2" %}` and fills the blocks `title`, `style` and `content`.
 """
@@ -11,10 +11,10 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader
 
 
 def rendered(package: str, template: str, **content: Any) -> str:
-    """A page.
+    """Render a page.
 
     Args:
-        package: that has the template in its folder `templates`.
+        package: Python package whose folder `templates` holds the template.
         template: name of its file.
         content: values of the template; texts are escaped.
     """

@@ -1,4 +1,4 @@
-"""The page of a reproduction: every target beside what is published, and the figures of every experiment."""
+"""The HTML page of a reproduction: every target beside its published value, and the figures of every experiment."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from forcectl.scenario.expectations import Verdict
 if TYPE_CHECKING:
     from forcectl.runs.reproduce import PartReport, Reproduction
 
-_MOST = 12_000_000  # [B] of all figures within the page; further ones are beside it
+_MOST = 12_000_000  # [B] of all figures embedded in the page; further ones are linked
 _FILES = ("scenario.yaml", "metrics.json", "log.nc", "manifest.json", "diagram.html", "diagram.svg")
 
 
@@ -29,8 +29,8 @@ class _Figure:
 
     Attributes:
         name: in words.
-        address: of its files, without the ending.
-        content: itself as an address; "" where the page has no place for it.
+        address: relative URL of its files, without suffix.
+        content: the image as a data URL; "" where the page only links to it.
     """
 
     name: str
@@ -43,7 +43,7 @@ def write_page(directory: Path, result: Reproduction) -> Path:
 
     Args:
         directory: of the reproduction, with one folder for each run.
-        result: what came of it.
+        result: the judged experiments.
 
     Raises:
         StorageError: the directory cannot be written.
@@ -98,7 +98,7 @@ def _row(v: Verdict) -> dict[str, str]:
 
 
 def _figure(directory: Path, path: Path, left: list[int]) -> _Figure:
-    """A figure, taken into the page while there is place for it: `left` counts it down [B]."""
+    """A figure, embedded in the page if the budget `left` [B] allows; its size is subtracted from that."""
     content = path.read_bytes() if path.stat().st_size <= left[0] else b""
     left[0] -= len(content)
     within = f"data:image/png;base64,{base64.b64encode(content).decode()}" if content else ""

@@ -1,1 +1,1 @@
-"""Recorded experiments: read from files, and what they must be for a controller to be tuned on them."""
+"""Recorded experiments: reading them from files, and checking them before a controller is tuned on them."""

@@ -28,7 +28,7 @@ class Column:
     """One quantity: its name as written, its unit ("" when none is given) and its values (k,).
 
     Attributes:
-        fault: where the first cell is that holds no number, "" when there is none; its value and empty ones are NaN.
+        fault: place of the first cell that is not a number, "" if there is none. Such and empty cells are NaN.
     """
 
     name: str
@@ -144,7 +144,7 @@ def _read_csv(path: Path) -> Columns:
 def _cells(line: str, separator: str) -> list[str]:
     try:
         return next(csv.reader([line], delimiter=separator))
-    except csv.Error:  # a cell of more than 100 000 letters
+    except csv.Error:  # a cell of more than 100 000 characters
         return [line]
 
 

@@ -1,4 +1,4 @@
-"""What a record must be for a controller to be tuned on it, beside what `recorded` asks of any."""
+"""Checks of a record before a controller is tuned on it, in addition to those of `recorded` on any record."""
 
 from __future__ import annotations
 
@@ -15,28 +15,29 @@ from forcectl.tuning.fit import VrftFit
 from forcectl.tuning.reference_model import ReferenceModel, ReferenceModelConfig
 
 _SAMPLES_PER_TIME_CONSTANT = 5
-_ROUNDED = 0.01  # that a reference model may end off 1, with coefficients in few digits
-_REPEATED = 0.5  # rms that a second record may differ from the first by
-_SOFTEST = 100.0  # [N/m] of a contact: softer ones are forces in kN or displacements in mm that are called N and m
-_LATEST = 1.0  # [s] that the force may come after the displacement
-_PULL = 0.1  # of the largest pull, that the largest pressing is at least: noise at rest is less
-_MOVE = 0.02  # [s] over which a move is looked at
-_LEADS = (0.05, 1.5)  # [s] that the force comes early, and times that it fits better there than late: it leads
-_DRIFT = 0.03  # of its range that the force may drift by in the record
-_ALIKE = 0.3  # of the usual drift that each rest has at least
-_SETTLED = 0.01  # of its range that the force may still move in the later half of a rest
-_OFF = 0.03  # of its range that the force at a rest may be off a line
-_FEWEST_RESTS = 4  # that show either
+_ROUNDED = 0.01  # largest error of the reference model's static gain of 1, from rounded coefficients
+_REPEATED = 0.5  # largest relative rms difference of a second record from the first
+_SOFTEST = 100.0  # [N/m] softest contact: below it, forces in kN or displacements in mm were labelled N and m
+_LATEST = 1.0  # [s] largest delay of the force after the displacement
+_PULL = 0.1  # smallest ratio of the largest pressing force to the largest pull: noise at rest is below it
+_MOVE = 0.02  # [s] interval over which changes of force and displacement are correlated
+# Where the force leads: smallest lead [s], and smallest ratio of its correlation to that of any delay.
+_LEADS = (0.05, 1.5)
+_DRIFT = 0.03  # largest drift of the force over the record, as a share of its range
+_ALIKE = 0.3  # smallest drift in each rest, as a share of the median: below it the drift is not common
+_SETTLED = 0.01  # largest change of the force in the later half of a settled rest, as a share of its range
+_OFF = 0.03  # largest deviation of the force at rests from a line, as a share of its range
+_FEWEST_RESTS = 4  # from which a drift or a deviation is determined
 
 
 def check_rate(record: Recorded, config: ReferenceModelConfig) -> None:
-    """Refuse a record with less than a sample in the time constant of its reference model."""
+    """Refuse a record with less than one sample per time constant of its reference model."""
     if config.bandwidth is not None and config.bandwidth * record.period > 1:
         raise _too_slow(record, 1 / config.bandwidth, f"bandwidth {config.bandwidth:.3g} rad/s")
 
 
 def check_repeated(record: Recorded, again: Recorded) -> None:
-    """Refuse a second record that is not the same experiment: as an instrument it would mislead without a sign."""
+    """Refuse a second record that is not the same experiment: as an instrument it would bias the gains unnoticed."""
     if np.array_equal(record.u, again.u) and np.array_equal(record.y, again.y):
         raise BadInputError(f"{again.origin} is the record of {record.origin} again: repeat the experiment")
     for name, first, second in ((again.input_name, record.u, again.u), (again.output_name, record.y, again.y)):
@@ -48,7 +49,7 @@ def check_repeated(record: Recorded, again: Recorded) -> None:
 
 
 def check_against_model(record: Recorded, model: ReferenceModel) -> None:
-    """Refuse a record too short or sampled too slowly for a reference model, and a model that does not end at 1."""
+    """Refuse a record too short or sampled too slowly for a reference model, and a model whose static gain is not 1."""
     duration, slowest = record.u.size * record.period, model.time_constant
     longest = slowest / _SAMPLES_PER_TIME_CONSTANT
     if abs(model.static_gain - 1) > _ROUNDED:
@@ -71,7 +72,7 @@ def _too_slow(record: Recorded, longest: float, of_model: str) -> BadInputError:
 
 
 def check_contact(record: Recorded, fit: VrftFit) -> None:
-    """Refuse a force that is not that of a contact which the displacement presses on."""
+    """Refuse a force that is not the contact force which follows from the displacement."""
     if fit.plant.explained <= 0:
         raise BadInputError(
             f"{record.origin}: a model of the contact explains nothing of {record.output_name}: must be a force that "
@@ -99,20 +100,20 @@ def check_contact(record: Recorded, fit: VrftFit) -> None:
 
 
 def lead(record: Recorded) -> float:
-    """By how much the force moves before the displacement [s]; 0 where it does not."""
+    """Time by which the force leads the displacement [s]; 0 where it does not."""
     samples = max(round(_MOVE / record.period), 1)
     u, y = (signal[samples:] - signal[:-samples] for signal in (record.u, -record.y))
-    fits = fftconvolve(y, u[::-1])  # the middle one: without a shift
+    fits = fftconvolve(y, u[::-1])  # cross-correlation; the middle element has no shift
     reach = min(round(_LATEST / record.period), u.size - 1)
     before, after = fits[u.size - 1 - reach : u.size - 1], fits[u.size - 1 : u.size + reach]
     early = record.period * (reach - int(before.argmax())) if before.size else 0.0
     leads = early > _LEADS[0] and before.max() > _LEADS[1] * after.max()
-    # A force that comes later than that meets the next move early.
+    # A force delayed by more than `_LATEST` can correlate with the next move, as if it led.
     return early if leads and before.max() > fits[u.size + reach :].max(initial=0.0) else 0.0
 
 
 def check_stiffness(record: Recorded, stiffness: float) -> None:
-    """Refuse a contact of a stiffness [N/m] that none has."""
+    """Refuse an implausible contact stiffness [N/m]."""
     if stiffness <= 0:
         raise BadInputError(
             f"{record.origin}: does not tell how stiff the contact is: must have several moves in contact with a rest "
@@ -127,7 +128,7 @@ def check_stiffness(record: Recorded, stiffness: float) -> None:
 
 
 def check_signs(record: Recorded, fit: VrftFit) -> None:
-    """Refuse a controller that presses where the force is too large."""
+    """Refuse a controller that presses harder where the force is too large."""
     pid = fit.pid
     if pid is None:
         gains = [("sum of the FIR coefficients", float(fit.gains.sum()), 0.0, "m/N")]
@@ -142,7 +143,7 @@ def check_signs(record: Recorded, fit: VrftFit) -> None:
 
 
 def suspicions(record: Recorded) -> Iterator[str]:
-    """What is odd about the force at rest: that it drifts, or that it is no multiple of the displacement."""
+    """Warnings about the force at rest: it drifts, or it is not proportional to the displacement."""
     force = record.output_name
     if rate := drift(record):
         yield f"{force} drifts by {rate:.2g} N/s at rest (is the sensor warm?): stiffness and prediction are off"
@@ -156,7 +157,7 @@ def suspicions(record: Recorded) -> Iterator[str]:
 
 
 def drift(record: Recorded) -> float:
-    """How fast the force moves alike in all rests, after moves of either way [N/s]; 0: it does not."""
+    """Drift rate of the force that all rests have in common, after moves in both directions [N/s]; 0: none."""
     if len(rests := record.rests) < _FEWEST_RESTS:
         return 0.0
     rates = np.array([record.later(rest)[1] for rest in rests])
@@ -168,9 +169,9 @@ def drift(record: Recorded) -> float:
 
 
 def off_the_line(record: Recorded) -> tuple[float, float]:
-    """How far the force at the rests is off the best multiple of the displacement [N], and when it is most [s].
+    """Largest deviation of the force at rests from the best proportional fit to the displacement [N]; its time [s].
 
-    Only rests count in which the force settles; zero with fewer than four of them.
+    Only rests count in which the force settles; both are zero with fewer than four of them.
     """
     settled = record.settled_rests(_SETTLED)
     if len(settled) < _FEWEST_RESTS:

@@ -20,7 +20,8 @@ UNITS = {
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "in": 0.0254},
     "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, "kgf": 9.80665},
 }
-# Names that are looked for, the better ones first. u_hat of the open-loop scheme is `controller_output` in our logs.
+# Names of columns that are searched for, in order of preference. u_hat of the open-loop scheme is
+# `controller_output` in logs of forcectl.
 COMPENSATED_INPUTS = ("controller_output", "u_hat", "u")
 NAMES = {
     "time": ("time", "t"),
@@ -30,26 +31,27 @@ NAMES = {
 }
 _OWN_UNITS = {"controller_output": "m"}
 
-_JITTER = 0.05  # of the period that a time may be off
+_JITTER = 0.05  # largest deviation of a sampling interval, as a share of the period
 _FEWEST, _MOST = 100, 5_000_000  # rows
-_AT_REST = (1e-9, 1e-3)  # of its range that the input may move while it rests; the second where it is measured
-LONG_REST = 20  # samples
-_REST = 0.3  # [s] that a pause must last for the force to follow
-_SMALLEST_MOVE = 1e-5  # [m] of the displacement over the record, below which no robot moves on purpose
-# Share of the range of the force, by which a reading may differ from both beside it, and share of rows; more are noise.
+_AT_REST = (1e-9, 1e-3)  # largest change of an input at rest, as a share of its range: commanded, measured
+LONG_REST = 20  # [samples] of a sufficient rest at the beginning
+_REST = 0.3  # [s] shortest pause in which the force can follow
+_SMALLEST_MOVE = 1e-5  # [m] smallest range of the displacement in a record
+# An outlier differs from both neighbours by more than this share of the force's range; if more than this share of
+# rows do, it is noise.
 _ALONE, _FEW = 0.3, 0.01
-_FOLLOWED = 0.15  # of its range that the force may still move in the later half of it
-_LARGEST = {"displacement": 1.0, "force": 1e4}  # [m], [N], beyond it is no measurement of a robot that presses
+_FOLLOWED = 0.15  # largest change of the force in the later half of a rest, as a share of its range
+_LARGEST = {"displacement": 1.0, "force": 1e4}  # [m], [N], largest plausible measurement of a robot that presses
 _LONGEST = 1e10  # [s], some 300 years: times may count from 1970
 _SHORTEST_PERIOD = 1e-6  # [s]
-_BEYOND = 0.05  # of its range that the input moves on while the force stands still: it is saturated
-_STUCK = 10  # samples that this takes
-_SAME = 1e-6  # of its range by which a saturated force may differ
+_BEYOND = 0.05  # displacement at a constant force that shows saturation, as a share of its range
+_STUCK = 10  # [samples] beyond that displacement, at least
+_SAME = 1e-6  # largest change of a saturated force, as a share of its range
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """An experiment.
+    """A recorded experiment.
 
     Attributes:
         origin: file name.
@@ -57,9 +59,9 @@ class Recorded:
         period: Ts [s].
         u, y: displacement [m] and force [N] minus their values at rest, shape (k,).
         u_rest, y_rest: those values.
-        resting: samples at the beginning that those values are from.
+        resting: number of samples at the beginning that those values are from.
         motor: x_m, displacement of the motors minus that at rest, shape (k,) [m]; None where it was not recorded.
-        fed_back: C_R_hat of (4.12), told from u_hat and dx_bar [m/N]; None where not both were recorded.
+        fed_back: C_R_hat of (4.12), computed from u_hat and dx_bar [m/N]; None where not both were recorded.
     """
 
     origin: str
@@ -77,7 +79,7 @@ class Recorded:
 
     @property
     def time(self) -> Array:
-        """From the first sample, shape (k,) [s]."""
+        """Time since the first sample, shape (k,) [s]."""
         return self.period * np.arange(self.u.size, dtype=float)
 
     @property
@@ -205,7 +207,7 @@ def _motors(table: Columns, u: Array, y: Array, resting: int, sign: int) -> tupl
 
 def _factor(table: Columns, column: Column, quantity: str) -> float:
     known, what = UNITS[quantity], f"{table.origin}: column {column.name!r} has"
-    # Logs of our own that leave out a unit still have that of their name.
+    # A log of a run without a unit has the unit that belongs to the name.
     is_log = table.row(0).startswith("sample")
     unit = column.unit or (_OWN_UNITS.get(column.name, unit_of(column.name)) if is_log else "")
     if not unit:
@@ -233,7 +235,7 @@ def _check_size(table: Columns, column: Column, factor: float, quantity: str) ->
 
 
 def _check_sampling(table: Columns, time: Array) -> float:
-    """The sampling period [s] of times that are regular."""
+    """The sampling period [s]; refuses irregular times."""
     bad = np.flatnonzero(np.abs(time) > _LONGEST)
     if bad.size:
         most = f"must be at most {_LONGEST:g} s; correct the row or the unit"
@@ -269,7 +271,7 @@ def _check_sampling(table: Columns, time: Array) -> float:
 
 
 def _check_readings(table: Columns, column: Column, y: Array) -> None:
-    """Refuse a force with a reading that stands alone."""
+    """Refuse a force with single outliers."""
     before, after = y[1:-1] - y[:-2], y[1:-1] - y[2:]
     alone = np.flatnonzero((before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > _ALONE * np.ptp(y)))
     if 0 < alone.size <= _FEW * y.size:
@@ -283,7 +285,7 @@ def _check_readings(table: Columns, column: Column, y: Array) -> None:
 
 
 def _check_saturation(table: Columns, column: Column, u: Array, y: Array) -> None:
-    """Refuse a force that stands still at its largest or smallest value while the input moves on."""
+    """Refuse a force that stays at its largest or smallest value while the input moves on."""
     sign = np.sign(np.sum((u - u.mean()) * (y - y.mean()))) or 1.0
     for toward in (1.0, -1.0):
         extreme = (toward * y).max()

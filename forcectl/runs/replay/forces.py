@@ -1,4 +1,4 @@
-"""Forces of a replay: arrows as long as the forces they stand for, narrow ones true, wide ones estimated."""
+"""Forces of a replay: arrows of proportional length, narrow ones for true forces, wide ones for estimates."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from forcectl.tasks.relative_task import RelativeTask
 _Place = tuple[Array, Array]  # a point [m] and axes (3, 3), both in the world
 
 ARROW = 0.02  # [m/N] length of the arrows
-_HEAD = 0.02  # [m] of it the head, at most
-_LEAST = 0.05  # [N] of a force that is shown
+_HEAD = 0.02  # [m] length of the head, at most
+_LEAST = 0.05  # [N] smallest force that is shown
 _WORLD, _BETWEEN = np.eye(3), "body_contact_wrench"
-_SHORTEST = 1e-4  # [m] of a shaft: Meshcat cannot show a shape without any length
+_SHORTEST = 1e-4  # [m] shortest shaft: Meshcat cannot show a shape without any length
 
 
 class Look(NamedTuple):
@@ -36,14 +36,14 @@ class Look(NamedTuple):
 
     Attributes:
         width: of the shaft [m].
-        colour: of all.
+        colour: of shaft and head.
     """
 
     width: float
     colour: Rgba
 
 
-# An estimate is wide and lets the true force at the same point be seen through it.
+# An estimate is wide and translucent: the true force at the same point is seen through it.
 TRUE, ESTIMATED = Look(0.005, Rgba(0.0, 0.45, 0.7, 1.0)), Look(0.012, Rgba(0.84, 0.37, 0.0, 0.5))
 BESIDE = TRUE._replace(width=0.01)
 BETWEEN, OF_TASK = Look(0.005, Rgba(0.34, 0.71, 0.91, 1.0)), Look(0.012, Rgba(0.9, 0.62, 0.0, 0.5))
@@ -53,11 +53,11 @@ class ShownForce(NamedTuple):
     """A force over time.
 
     Attributes:
-        label: what it is.
-        path: of its arrow.
+        label: its name in the panel.
+        path: of its arrow in Meshcat.
         look: of its arrow.
-        values: (k, 3) [N], in axes of its own.
-        at: of sample k where the arrow begins (3,) [m] and the force (3,) [N], both in the world.
+        values: (k, 3) [N], in its own axes.
+        at: function of sample k: start of the arrow (3,) [m] and force (3,) [N], both in the world.
     """
 
     label: str
@@ -83,7 +83,7 @@ def forces_of(
         tasks: those of `task_wrench`, in their order.
         plant: of the replay.
         parts: the robot in it.
-        context: of the plant, in the posture of the sample that is asked for.
+        context: of the plant, in the posture of the requested sample.
     """
     tips = {name: arm.tcp_frame for name, arm in parts.arms.items()}
 
@@ -101,7 +101,7 @@ def forces_of(
             label = f"{word}, {arm} tool" if len(tips) > 1 else f"{word}, tool"
             yield _shown(label, f"{name}/{arm}", look, _forces(log[name], i), partial(upright, arm))
     for name, sensor in workcell.config.sensors.items():
-        known = [each for each in (f"{name}_{_BETWEEN}", _BETWEEN) if each in log]  # the first one has no name in front
+        known = [each for each in (f"{name}_{_BETWEEN}", _BETWEEN) if each in log]  # the first sensor's has no prefix
         if known and hasattr(sensor, "on"):
             forces = _forces(log[known[0]], 0)
             by = f" by {' and '.join(sensor.by)}" if sensor.by else ""
@@ -110,13 +110,13 @@ def forces_of(
             yield _shown(label, f"contact/{name}", BETWEEN, forces, partial(axes_of, frame))
     for i, (name, task) in enumerate(tasks.items()):
         if task.frame is None and not isinstance(task, RelativeTask):
-            continue  # that of its tool
+            continue  # its force is that of its tool
         forces = _forces(log["task_wrench"], i)
         yield _shown(f"estimated, of task {name}", f"task/{name}", OF_TASK, forces, partial(_task_frame, task, pose))
 
 
 def _shown(label: str, path: str, look: Look, forces: Array, place: Callable[[], _Place]) -> ShownForce:
-    """Forces in axes, from a point: both as they are when they are asked for."""
+    """A force in axes and from a point that are evaluated whenever a sample is requested."""
 
     def at(k: int) -> tuple[Array, Array]:
         point, axes = place()
@@ -140,7 +140,7 @@ def _task_frame(task: ArmTask, pose: Callable[[str], TipPose]) -> _Place:
 
 
 class Arrow:
-    """An arrow that shows a force: `ARROW` long per newton, hidden below `_LEAST`.
+    """An arrow that shows a force: of length `ARROW` per newton, hidden below `_LEAST`.
 
     Args:
         meshcat: that shows it.
@@ -159,13 +159,13 @@ class Arrow:
         shown = length > ARROW * _LEAST
         for path in (self._shaft, self._head):
             self._meshcat.SetProperty(path, "visible", shown, when)
-        if shown:  # the place of a hidden arrow is nowhere, also in the log of a run that ended in NaN
+        if shown:  # a hidden arrow has no pose; the force may be NaN at the end of a log
             along = RotationMatrix.MakeFromOneVector(force, 2)
             head = min(_HEAD, length)
             shaft = max(length - head, _SHORTEST)
             middle = RigidTransform(along, start) @ RigidTransform([0.0, 0.0, shaft / 2])
             self._meshcat.SetTransform(self._shaft, middle, when)
-            # Scaled are the axes of the shape itself. Those of a box are Drake's; a cylinder of Meshcat's lies along y.
+            # The scale is along the axes of the shape: for a box Drake's axes, but a cylinder in Meshcat lies along y.
             self._meshcat.SetProperty(f"{self._shaft}/<object>", "scale", [1.0, 1.0, shaft], when)
             # A cone stands on its point.
             back = RigidTransform(along @ RotationMatrix.MakeXRotation(np.pi), start + ARROW * force)

@@ -1,4 +1,4 @@
-"""The page of a replay: beside Meshcat's picture the time, the mode in words, what arrows show, and a time line."""
+"""The page of a replay: Meshcat's picture with the time, the mode, the forces of the arrows, and a time line."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def with_panel(
         title: heading.
         times: of the samples of the log, (k,) [s].
         pictures: which of them are shown.
-        stays: in the modes of a state machine; none without one.
-        forces: with an arrow in the picture.
+        stays: intervals in the modes of a state machine; empty without one.
+        forces: those with an arrow in the picture.
     """
     data = {
         "begin": float(times[0]),
@@ -51,7 +51,7 @@ def with_panel(
 
 
 def _number(value: float | None) -> float | None:
-    """To four digits, at most nine of them after the point; null for what JSON has no number for."""
+    """A number rounded to four digits, with at most nine decimals; None (null in JSON) if it is not finite."""
     return round(float(f"{value:.4g}"), 9) if value is not None and np.isfinite(value) else None
 
 

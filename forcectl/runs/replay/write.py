@@ -1,9 +1,9 @@
 """Replay of a run: robot, environment and forces in three dimensions, as one HTML page without any network access.
 
-Drawn from the log alone, so it works for every fidelity. Motions are true to scale. An uneven surface moves by its
-height under the tool, as the tool sees it; its grooves are dark lines on the plate. One whose normal turns stands still
-and is drawn in strips. Blue arrows are true forces, orange ones estimates; the page says which is which, what the time
-is and, of a state machine, the mode.
+Drawn from the log alone, so it works for every fidelity. Motions are true to scale. An uneven surface is moved as a
+whole by its height under the tool; its grooves are dark lines on the plate. A surface whose normal varies stands still
+and is drawn in strips. Blue arrows are true forces, orange ones estimates; the page labels them and shows the time and
+the mode of a state machine.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from forcectl.tasks.coordinates import ArmTask
 FRAMES = 32.0  # pictures per second of simulated time
 _DARK, _WOOD = Rgba(0.15, 0.15, 0.17, 1.0), Rgba(0.75, 0.6, 0.42, 1.0)
 _PLATE = 0.3, 0.2  # [m] length and width of the plate
-_STRIPS, _THICK = 60, 1e-3  # that a curved surface is drawn in, and how thick they are [m]
+_STRIPS, _THICK = 60, 1e-3  # strips of a curved surface: number, thickness [m]
 
 
 def write_replay(
@@ -66,7 +66,7 @@ def write_replay(
         path.write_text(_drawn(log, workcell, title, tasks or {}), encoding="utf-8")
     finally:
         # Drake ends the process when a Meshcat is destroyed in another thread than the one that made it, and a diagram
-        # of Python is a cycle of references: left alone it would go in whichever thread collects it.
+        # of Python is a cycle of references, which any thread may collect later.
         gc.collect()
 
 
@@ -79,7 +79,7 @@ def _drawn(log: xr.Dataset, workcell: Workcell, title: str, tasks: Mapping[str, 
     plant.Finalize()
     scene = Scene(builder, plant, scene_graph)
     meshcat, own = scene.meshcat, scene.plant_context
-    # A background of one colour: a gradient has edges when it is seen from elsewhere than the side.
+    # A background of one colour: a gradient shows edges unless it is seen from the side.
     for end in ("top_color", "bottom_color"):
         meshcat.SetProperty("/Background/<object>", end, [0.93, 0.93, 0.96])
     for i, obstacle in enumerate(workcell.obstacles.values()):
@@ -122,7 +122,7 @@ def _drawn(log: xr.Dataset, workcell: Workcell, title: str, tasks: Mapping[str, 
 
 
 class _Plate:
-    """The plate that the surface of a contact is drawn as; the plant is not finalized."""
+    """The plate that represents the surface of a contact, added to a plant that is not finalized."""
 
     def __init__(self, plant: MultibodyPlant, contact: Contact, index: int):
         self.n, self._index = contact.n, index
@@ -133,7 +133,7 @@ class _Plate:
             d = self._uneven.direction_across(self.n)
             R_WE = RotationMatrix(np.column_stack([d, np.cross(self.n, d), self.n]))
         self.X_WE = RigidTransform(R_WE, contact.robot.pose(contact.robot.context_at(contact.start)).translation())
-        # The arrow stands beside the tool, where it does not go, and grows along n.
+        # The arrow stands beside the path of the tool, along n.
         self._foot = self.X_WE @ ([-0.12, 0.08, 0.0] if self._uneven else [0.1, 0.0, 0.0])
         self._slide = None
         if self._uneven and self._uneven.turning:
@@ -185,14 +185,14 @@ class _Plate:
             meshcat.SetTransform(strip, RigidTransform(turned, [s + along / 2, 0.0, h + up / 2 - _THICK / 2]))
 
     def move(self, meshcat: Meshcat, positions: Array, height: float, when: float) -> None:
-        """Raise it to a height [m]."""
+        """Move the surface to a height [m]."""
         if self._slide is not None:
             positions[self._slide.position_start()] = height
             meshcat.SetTransform(f"{self.name('grooves')}/lines", RigidTransform([0.0, 0.0, height]), when)
 
 
 class _MovedPart:
-    """A part of an assembly; the plant is not finalized."""
+    """A part of an assembly, added to a plant that is not finalized."""
 
     def __init__(self, plant: MultibodyPlant, name: str, config: PartConfig):
         self._plant = plant
@@ -206,7 +206,7 @@ class _MovedPart:
 
 
 class Scene:
-    """A plant as it is seen in a replay.
+    """A plant with its visualization in a replay.
 
     Args:
         builder: holds `plant` and `scene_graph` only; it is built here.
@@ -245,7 +245,7 @@ class Scene:
 
 
 def _quiet_meshcat() -> Meshcat:
-    """A Meshcat that does not announce the address of a server that nobody is meant to visit, nor let others in."""
+    """A Meshcat that does not log the address of its server, and is reachable from this machine only."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.WARNING)

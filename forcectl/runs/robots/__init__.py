@@ -1,1 +1,1 @@
-"""What `forcectl robot` finds out of a robot folder, and how it says so."""
+"""The examination of a robot folder by `forcectl robot`, and its output."""

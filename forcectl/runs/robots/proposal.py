@@ -1,8 +1,9 @@
 """Control parameters proposed for a model that has none yet, from its joints and their limits.
 
 Arms are the longest chains of joints that do not fork; a chain ends where a gripper begins: at joints that others
-mimic, at one or two joints behind a frame that carries tools, at words such as finger. Joints before two arms part, and
-all others, are held. The posture is the best of random ones: far from singular, tool downwards, links apart.
+mimic, at fewer than four joints behind a frame that carries tools, at names such as finger. Joints before the fork of
+two arms, and all others, are held. The posture is the best of random ones: far from singular, tool downwards, links
+apart.
 """
 
 from __future__ import annotations
@@ -37,11 +38,11 @@ _HAND = re.compile(r"grip|finger|hand|thumb|claw|jaw|knuckle", re.IGNORECASE)
 _FINGER = re.compile(r"finger|thumb|claw|jaw|knuckle", re.IGNORECASE)  # of a link; a last link may be a gripper's
 _FLANGE = re.compile(r"(tool0|flange|ee_link|tcp|tool_link|link_eef?|_hand|hand_link|end_effector)$", re.IGNORECASE)
 _SIDES = {side: re.compile(rf"{side}|^{side[0]}_|_{side[0]}(_|$)", re.IGNORECASE) for side in ("left", "right")}
-_ARM = 4  # joints at least, of one of several arms
-_TOOL = 0.15  # [m]
-_ON_AXIS = 1e-3  # [m] from the axis of the last joint
-_WIDEST = np.radians(135.0)
-TOUCHING = 0.0105  # [m], nearer than this `LinkDistance` is violated at its default of 10 mm
+_ARM = 4  # smallest number of joints, of one of several arms
+_TOOL = 0.15  # [m] length of an assumed tool
+_ON_AXIS = 1e-3  # [m] largest distance of a frame on the axis of the last joint
+_WIDEST = np.radians(135.0)  # of a random joint position from the middle of its range
+TOUCHING = 0.0105  # [m] distance below which `LinkDistance` is violated at its default of 10 mm
 _SAMPLES, _KEPT, _PAIRS_LOOKED_AT = 1500, 12, 150
 
 
@@ -67,7 +68,7 @@ class ModelTree:
 
     @property
     def moving(self) -> list[Joint]:
-        """Joints with one position, without those that mimic."""
+        """Joints with one position, without those that mimic others."""
         return [joint for joint in self.joints if self._moves(joint)]
 
     def arms(self) -> dict[str, list[Joint]]:
@@ -86,7 +87,7 @@ class ModelTree:
         return names
 
     def flange(self, last: Joint) -> tuple[str, Array]:
-        """The frame behind the last joint of an arm that most likely carries the tool, and its turn [deg]."""
+        """The frame behind the last joint of an arm that most likely carries the tool, and its `flange_turn_deg`."""
         bodies, look = [last.child_body()], [int(last.child_body().index())]
         while look:
             for joint in self._below.get(look.pop(), []):
@@ -113,7 +114,7 @@ class ModelTree:
         return flange.name(), np.degrees(RollPitchYaw(R).vector()).round(3) + 0.0
 
     def _frame_on(self, last: Joint, bodies: list[RigidBody]) -> list[RigidBody]:
-        """The one link without mass of these whose origin lies on the axis of the last joint; a camera's does not."""
+        """The only massless link of these with its origin on the axis of the last joint; not a camera's; or none."""
         axis, context = _axis(last), self.plant.CreateDefaultContext()
         if not isinstance(last, RevoluteJoint) or axis is None:
             return []
@@ -131,7 +132,7 @@ class ModelTree:
         return joint.num_positions() == 1 and (known is None or known.mimics is None)
 
     def _next(self, body: int, in_arm: bool = True) -> list[Joint]:
-        """Joints of an arm that move, of those that are fixed to a body; one that is `in_arm` is behind another."""
+        """The next moving joints of an arm behind a body; `in_arm`: an arm joint is before the body."""
         found: list[Joint] = []
         for joint in self._below.get(body, []):
             child = joint.child_body()
@@ -143,14 +144,14 @@ class ModelTree:
                 continue
             elif joint.name() not in self._followers:
                 found.append(joint)
-            else:  # what it moves is no arm: a gripper. Before an arm, it is held: no arm joint is followed.
+            else:  # others mimic it, as no arm joint may be: it is of a gripper, or before an arm and held
                 behind = self._next(int(child.index()))
                 arms = [each for each in behind if self._depth(each) >= _ARM]
                 found += arms or ([] if self._is_gripper(joint, behind) else [joint])
         return found
 
     def _is_gripper(self, leader: Joint, behind: list[Joint]) -> bool:
-        """Whether a joint that others mimic is the last of its chain, and one of them is beside it."""
+        """Whether a joint that others mimic is the last of its chain, and does not carry all of them."""
         moved, look = set[int](), [leader]
         while look:
             moved.add(int(look[-1].child_body().index()))
@@ -160,7 +161,7 @@ class ModelTree:
         )
 
     def _depth(self, joint: Joint) -> int:
-        """Joints of the longest chain from this one on."""
+        """Number of joints of the longest chain that begins with this one."""
         index = int(joint.index())
         if index not in self._depths:
             behind = self._next(int(joint.child_body().index()))
@@ -184,14 +185,14 @@ def _axis(joint: Joint) -> Array | None:
 
 @dataclass
 class Found:
-    """What was found out of a robot by moving it.
+    """Properties of a robot, found by moving it to random postures.
 
     Attributes:
         posture: joint positions, (n,) [rad or m].
-        reach: farthest that a TCP is from the first joint of its arm [m].
-        gravity: largest torque that holds the robot, (n,) [Nm].
-        inertia: largest, of each joint with the others at rest, (n,) [kg m2].
-        leverage: largest torque of a force of 1 N at a tool of 0.15 m, (n,) [Nm/N].
+        reach: largest distance of a TCP from the first joint of its arm [m].
+        gravity: largest torque against gravity of each joint, (n,) [Nm].
+        inertia: largest inertia of each joint with the others at rest, (n,) [kg m2].
+        leverage: largest joint torque per force at the tip of a tool of 0.15 m, (n,) [Nm/N].
         touching: pairs of bodies whose shapes overlap, or nearly, in most postures.
     """
 
@@ -227,7 +228,7 @@ class Explorer:
             self._distance = LinkDistance(shapes) if shapes.pairs else None
 
     def limits(self) -> tuple[Array, Array]:
-        """Where postures are looked for, (n,) each."""
+        """Lower and upper bounds of random postures, (n,) each [rad or m]."""
         lower = np.array([float(joint.position_lower_limits()[0]) for joint in self.parts.joints])
         upper = np.array([float(joint.position_upper_limits()[0]) for joint in self.parts.joints])
         low, high = np.clip(lower, -np.pi, np.pi), np.clip(upper, -np.pi, np.pi)
@@ -235,7 +236,7 @@ class Explorer:
         return np.maximum(low, middle - _WIDEST), np.minimum(high, middle + _WIDEST)
 
     def close(self, q: Array, margin: float) -> list[tuple[str, str]]:
-        """Pairs of bodies whose shapes are nearer than a margin [m], as `LinkDistance` has it, each sorted."""
+        """Pairs of bodies whose shapes are closer than a margin [m] by `LinkDistance`; the names of each are sorted."""
         if self._distance is None:
             return []
         near = self._distance.distances(q) < margin
@@ -247,7 +248,7 @@ class Explorer:
         return {name: arm.tcp_frame.CalcPoseInWorld(self._context) for name, arm in self.parts.arms.items()}
 
     def inertia(self, q: Array) -> Array:
-        """Of each joint with the others at rest, without rotors and tools, (n,) [kg m2]."""
+        """Inertia of each joint with the others at rest, without rotors and tools, (n,) [kg m2]."""
         self._move(q)
         return np.diag(self.plant.CalcMassMatrix(self._context))[self._v]
 
@@ -255,7 +256,7 @@ class Explorer:
         """Move to random postures, the same each time.
 
         Args:
-            length: that translations are divided by [m].
+            length: characteristic length, by which translations are divided [m].
         """
         generator, (low, high) = np.random.default_rng(0), self.limits()
         postures = generator.uniform(low, high, size=(_SAMPLES, len(low)))
@@ -275,7 +276,7 @@ class Explorer:
         return Found(self._best(postures, scores, touching), reach, gravity, inertia, leverage, touching)
 
     def _best(self, postures: Array, scores: Array, allowed: Sequence[tuple[str, str]]) -> Array:
-        """The posture of highest score at which no other links touch, in whole degrees."""
+        """The posture of highest score in which only the `allowed` pairs touch, in whole degrees."""
         ranked = [np.argsort(-column)[:_KEPT] for column in scores.T]
         choices = sorted(
             itertools.islice(itertools.product(*map(range, [_KEPT] * len(ranked))), 20_000),
@@ -312,7 +313,7 @@ class Explorer:
         return found
 
     def _jacobian(self, arm: ArmParts) -> Array:
-        """Spatial velocity of the TCP of an arm per speed of its joints."""
+        """Jacobian of the spatial velocity of an arm's TCP in the world, with respect to its joint velocities."""
         world, velocity = self.plant.world_frame(), JacobianWrtVariable.kV
         J = self.plant.CalcJacobianSpatialVelocity(self._context, velocity, arm.tcp_frame, np.zeros(3), world, world)
         return J[:, self._v[arm.joints]]

@@ -1,4 +1,4 @@
-"""What else should be known of a robot that can be used: notes of `forcectl robot`."""
+"""Notes of `forcectl robot` on a robot that can be used."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from forcectl.robot.assumptions import OF_MODEL
 from forcectl.runs.robots.proposal import Explorer, Found, ModelTree
 
 _NO_INERTIA = 1e-9  # [kg m2]
-_SLOW = 0.1  # [rad/s] of the fastest joint: heavy robots turn ten times as fast
+_SLOW = 0.1  # [rad/s] below which the fastest joint is implausibly slow: heavy robots turn ten times as fast
 _SWINGS = 0.3  # damping ratio of a position loop, below which it overshoots by more than a third
 
 
 def remarks(explorer: Explorer, found: Found, tree: ModelTree, wrong: Collection[str]) -> Iterator[str]:
-    """Notes on what was let be, what moves freely, and what resists or touches nothing.
+    """Notes on tolerated faults of the model, free joints, missing inertia, motion, friction and collision shapes.
 
     Args:
         explorer: the robot in a plant of its own.
-        found: what moving it showed.
+        found: its properties, from moving it.
         tree: its joints.
-        wrong: keys of the control parameters that are left out, for they are wrong.
+        wrong: keys of the control parameters that are left out because they are wrong.
     """
     plant, parts, arm_joints = explorer.plant, explorer.parts, explorer.parts.parameters.arm_joints
     yield from parts.let_be
@@ -44,7 +44,7 @@ def remarks(explorer: Explorer, found: Found, tree: ModelTree, wrong: Collection
 
 
 def _of_order(explorer: Explorer) -> Iterator[str]:
-    """Arms whose joints do not stand in their order along the arm: every list of numbers goes with it."""
+    """Notes on arms whose joints are not listed from base to flange, which is the order of all lists of numbers."""
     plant, joints = explorer.plant, explorer.parts.joints
     for arm in explorer.parts.arms.values():
         for before, after in pairwise(joints[arm.joints]):
@@ -55,7 +55,7 @@ def _of_order(explorer: Explorer) -> Iterator[str]:
 
 
 def _of_motion(explorer: Explorer) -> Iterator[str]:
-    """Arms that hardly turn, and position loops that swing."""
+    """Notes on implausibly slow joints, and on underdamped position loops."""
     turning = [joint for joint in explorer.parts.joints if isinstance(joint, RevoluteJoint)]
     fastest = max((float(joint.velocity_upper_limits()[0]) for joint in turning), default=math.inf)
     if fastest < _SLOW:

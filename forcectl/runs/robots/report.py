@@ -1,4 +1,4 @@
-"""What a robot folder says, what it leaves out, and what is proposed instead: `forcectl robot FOLDER`."""
+"""What a robot folder defines, what it leaves out, and proposals for that: `forcectl robot FOLDER`."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
 from forcectl.runs.robots.remarks import remarks
 
 _SUFFIXES = (".urdf", ".sdf", ".xml")
-_SPEED, _TORQUE, _LENGTH = 2.0, 100.0, 0.5  # [rad/s], [Nm], [m], until something better is known
-_PUSH = 20.0  # [N], at the tool
+_SPEED, _TORQUE, _LENGTH = 2.0, 100.0, 0.5  # [rad/s], [Nm], [m], provisional values
+_PUSH = 20.0  # [N], force at the tool that proposed torque limits allow for
 _FILTER = {"natural_frequency": 75, "damping_ratio": 1}
-_FASTEST = 1e-4  # [s], a period with which no filter is too fast
-# Keys of which nothing can be said once one of them is wrong, by that one.
+_FASTEST = 1e-4  # [s], provisional period, at which no filter is too fast
+# Keys that cannot be checked once another key is wrong: `_TOGETHER` has them by that key.
 _SETS = ("joint_stiffness", "default_stiffness_set", "link_compliance_sets")
 _FLANGE = ("flange_frame", "flange_turn_deg", "tool_neighbours")
 _JOINTS = ("arm_joints", "arms", "held_joints", "motor_coupling", *_FLANGE, *PER_JOINT, *_SETS)
 _TOGETHER = {"arm_joints": _JOINTS, "arms": _JOINTS, "joint_stiffness": _SETS}
-_ENTRIES = ("ignored_collisions", "tool_neighbours")  # lists of which each entry stands for itself
-# Keys that drives and weight are checked against.
+_ENTRIES = ("ignored_collisions", "tool_neighbours")  # lists whose entries are checked one by one
+# Keys that the checks of drives and weight need.
 _BASIC = {
     "arm_joints",
     "arms",
@@ -48,7 +48,7 @@ _BASIC = {
     "gear_ratio",
     "characteristic_length",
 }
-# Of keys that must be given: why, and typical values. Arms of 1 m and less are sampled faster and have faster loops.
+# Purpose and typical values of keys that must be given. Arms of 1 m and less are sampled faster and have faster loops.
 _TYPICAL = {
     "model": "the file with the joints",
     "arm_joints": "of all arms, from the base outwards",
@@ -64,7 +64,7 @@ _TYPICAL = {
     "torque_limit": "data sheet [Nm]; here twice what weight, acceleration and 20 N at a tool need",
     "ignored_collisions": "their shapes overlap, or nearly: else LinkDistance is violated from the start",
 }
-_MOVED = ("default_posture_deg", "characteristic_length", "velocity_limit", "torque_limit")  # proposed from moving it
+_MOVED = ("default_posture_deg", "characteristic_length", "velocity_limit", "torque_limit")  # from moving the robot
 
 
 @dataclass
@@ -72,10 +72,10 @@ class Understood:
     """A robot that could be put into a plant.
 
     Attributes:
-        parameters: as read or proposed, with what is assumed.
+        parameters: as read or proposed, including assumed ones.
         explorer: the robot in a plant of its own.
-        found: what moving it showed.
-        posture: the default one, as read or proposed, (n,) [rad or m].
+        found: its properties, from moving it.
+        posture: the default posture, as read or proposed, (n,) [rad or m].
     """
 
     parameters: ControlParameters
@@ -86,16 +86,16 @@ class Understood:
 
 @dataclass
 class RobotReport:
-    """Of one robot folder.
+    """The report on one robot folder.
 
     Attributes:
         folder: the folder.
         model: the model file; None when none was found.
-        robot: None when it cannot be used.
+        robot: the robot in a plant; None when it cannot be used.
         read: whether the model could be read.
         problems: why the folder cannot be used, one line for each key that is wrong.
-        missing: text in YAML of each key that is missing, by the key; not known while there is no model.
-        notes: what was replaced or left out of the model, and what else should be known.
+        missing: proposed YAML text of each missing key, by the key; empty while there is no model.
+        notes: on what was replaced or left out of the model, and on the robot.
     """
 
     folder: Path
@@ -122,10 +122,10 @@ class RobotReport:
 
 
 def examine_robot(folder: str | Path) -> RobotReport:
-    """Look at a robot folder: a shipped robot's name, a folder, or a model file in one.
+    """Examine a robot folder: a shipped robot's name, a folder, or a model file in one.
 
     Raises:
-        BadInputError: neither of these.
+        BadInputError: `folder` is none of these.
     """
     path = Path(os.path.expanduser(folder))
     given = path if os.path.isfile(path) and path.suffix.lower() in _SUFFIXES else None
@@ -189,7 +189,7 @@ def _is_model(file: Path) -> bool:
 
 
 def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> None:
-    """Look at keys and model; what is wrong is told and left out, until the rest can be used."""
+    """Examine keys and model; each wrong key is reported and left out, until the rest can be used."""
     file = ModelFile.look(model, everything=False)
     report.read = True
     report.notes += [*file.urdf.notes, *file.remarks]
@@ -200,7 +200,7 @@ def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> Non
     rest, wrong, named = plain(keys), set[str](), dict(report.missing)
     places = {key: list(range(len(rest[key]))) for key in _ENTRIES if isinstance(rest.get(key), list)}
     if isinstance(rest.get("model"), str):
-        del rest["model"]  # it was looked for
+        del rest["model"]  # checked before
     for error in _unknown_joints(rest, tree):
         report.problems.append(str(error.at(error.key, place(origin, keys.lines, error.key))))
         wrong.add("arm_joints")
@@ -212,7 +212,7 @@ def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> Non
             key = error.field
             first, _, name = key.partition(".")
             entry, _, within = name.partition(".")
-            if first in places and entry.isdigit():  # the other entries are still looked at
+            if first in places and entry.isdigit():  # the other entries are still checked
                 del rest[first][int(entry)]
                 key = ".".join([first, str(places[first].pop(int(entry))), *([within] if within else [])])
             elif first == "default_posture_deg" and entry.isdigit() and "arm_joints" in rest:
@@ -226,12 +226,12 @@ def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> Non
                 continue
         break
     report.problems += refused
-    touched = {"reference_filter", "ignored_collisions"}  # that more is said of than there is
+    touched = {"reference_filter", "ignored_collisions"}  # keys to which entries may be added
     report.missing = {name: text for name, text in report.missing.items() if name in touched or name not in keys}
 
 
 def _unknown_joints(rest: Tagged, tree: ModelTree) -> Iterator[BadInputError]:
-    """Tell unknown arm joints; those that are meant take their places, or else all that is said of joints goes."""
+    """Errors for unknown arm joints; similar names replace them, or else all keys about joints are left out."""
     names, known, meant = rest.get("arm_joints"), [joint.name() for joint in tree.moving], dict[str, str]()
     if not isinstance(names, list):
         return
@@ -251,7 +251,7 @@ def _unknown_joints(rest: Tagged, tree: ModelTree) -> Iterator[BadInputError]:
 
 
 def _left_out(rest: Tagged, key: str) -> bool:
-    """Leave out what stands at a dotted key, and all of which nothing can be said without it; whether it was there."""
+    """Remove a dotted key, and all keys that cannot be checked without it; returns whether it was there."""
     first, _, name = key.partition(".")
     if first not in rest:
         return False
@@ -278,7 +278,7 @@ def _understand(
             report.missing["reference_filter"] = f"reference_filter: {{{both}}}"
     if "period" not in values:
         report.missing["period"], values["period"] = "period: 0.002", _FASTEST if "period" in wrong else 0.002
-    # Some value, until the robot was moved.
+    # Provisional values, until the robot is moved.
     unknown = {text.partition(" ")[0] for text in missing_limits(values, model)}
     unknown |= _endless(values, plant) if model.suffix.lower() != ".urdf" else set()
     unknown |= {"default_posture_deg", "characteristic_length"} - set(values)
@@ -352,7 +352,7 @@ def _add_arms(report: RobotReport, values: Tagged, tree: ModelTree) -> None:
 
 
 def _proposed(robot: Understood) -> dict[str, str]:
-    """What is proposed of keys that are missing, from moving the robot."""
+    """Proposed values of missing keys, from moving the robot."""
     found, joints = robot.found, robot.explorer.parts.joints
     turns = np.array([isinstance(joint, RevoluteJoint) for joint in joints])
     speeds = [float(joint.velocity_upper_limits()[0]) for joint in joints]
@@ -378,7 +378,7 @@ def _endless(values: Tagged, plant: MultibodyPlant) -> set[str]:
 
 
 def _within(plant: MultibodyPlant, names: Sequence[str]) -> list[float]:
-    """A posture within the limits [deg], zero where it is."""
+    """A posture within the limits [deg], as close to zero as they allow."""
     found = []
     for name in names:
         if not plant.HasJointNamed(name):

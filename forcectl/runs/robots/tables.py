@@ -1,4 +1,4 @@
-"""What `forcectl robot` found, as tables in the terminal."""
+"""The report of `forcectl robot`, as tables in the terminal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from forcectl.runs.terminal.listing import new_table
 
 
 def print_robot(report: RobotReport, console: Console) -> None:
-    """Print what was understood, what is assumed, what is noted, and what is missing."""
+    """Print what was read, what is assumed, notes, problems, and what is missing."""
     title = f"{report.model.name if report.model else report.folder}"
     if report.robot is not None:
         tables = [_joints(report.robot, title), _arms(report.robot), _bodies(report.robot.explorer)]

@@ -1,1 +1,1 @@
-"""What results and choices look like in the terminal."""
+"""Output of results and choices in the terminal."""

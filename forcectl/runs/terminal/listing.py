@@ -1,4 +1,4 @@
-"""What there is to choose from, as tables in the terminal; like `catalog`, without importing Drake.
+"""The available experiments, presets and parts, as tables in the terminal; like `catalog`, without importing Drake.
 
 Only the keys behind a tag and those of a scenario need the classes, and with them Drake.
 """
@@ -41,7 +41,7 @@ def catalog_tables() -> list[Table]:
 
 
 def entries(kind: str) -> list[tuple[str, ...]]:
-    """All of one kind: name and what it is; of an experiment also its source.
+    """All entries of one kind: name and description; of an experiment also its source.
 
     Args:
         kind: one of `KINDS`.
@@ -65,7 +65,7 @@ def kind_of(text: str) -> str:
     """The kind that a word names, in the singular or the plural.
 
     Raises:
-        BadInputError: none.
+        BadInputError: there is no such kind.
     """
     word = text.lower()
     singular = {kind.removesuffix("s"): kind for kind in KINDS} | PLURALS

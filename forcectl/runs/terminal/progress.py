@@ -1,4 +1,4 @@
-"""What is shown while runs take their time."""
+"""The progress display of runs."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 
 class ProgressBars:
-    """A bar per running job on standard error, gone when all is done; nothing when that is not a terminal.
+    """A bar per running job on standard error, removed at the end; none where that is not a terminal.
 
     Args:
-        quiet: nothing at all.
+        quiet: show nothing.
     """
 
     def __init__(self, quiet: bool = False):
@@ -33,7 +33,7 @@ class ProgressBars:
         self._bars.update(self._tasks[name], completed=share)
 
     def stage(self, text: str) -> None:
-        """Show what goes on that has no measure, such as building or drawing."""
+        """Show a step without measurable progress, such as building or drawing."""
         if self._stage is None:
             self._stage = self._bars.add_task(text, total=None)
         self._bars.update(self._stage, description=text)

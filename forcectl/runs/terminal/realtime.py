@@ -1,4 +1,4 @@
-"""How fast a run may go beside a clock. Nothing here loads Drake."""
+"""The check of a real-time rate. Nothing here loads Drake."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def check_realtime_rate(rate: float, name: str) -> float:
         name: of the option or argument, for the message.
 
     Raises:
-        BadInputError: the rate is neither 0 nor within what can be waited for.
+        BadInputError: the rate is neither 0 nor from 0.001 to 1000.
     """
-    if rate != 0 and not _SLOWEST <= rate <= _FASTEST:  # not a number, too
+    if rate != 0 and not _SLOWEST <= rate <= _FASTEST:  # true for NaN, too
         raise invalid(name, rate, f"0 for full speed, or from {_SLOWEST:g} to {_FASTEST:g}")
     return rate

@@ -1,4 +1,4 @@
-"""Results as tables in the terminal, as wide as it is: no number is ever cut."""
+"""Results as tables that fit the width of the terminal without cutting a number."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from forcectl.scenario.expectations import Verdict
 
 Metrics = Mapping[str, Mapping[str, float | None]]  # variant -> metric -> value
 
-# What is shown where nothing else is asked for, beside what the expectations look at; as far as a run has it.
+# Metrics that are shown by default, in addition to those of the expectations, if a run has them.
 SHORT = (
     "overshoot_pct",
     "time_to_90pct_s",
@@ -32,7 +32,7 @@ SHORT = (
     "time_reached_s",
     "ended",
 )
-# Instead of a number that a signal does not determine, by a part of the name of the metric.
+# Words for a metric that is not defined, by a part of its name.
 _UNDEFINED = {
     "settling": "not settled",
     "recovery": "not recovered",
@@ -84,15 +84,15 @@ def metrics_table(metrics: Metrics, title: str = "", names: Iterable[str] | None
 
 
 def short_list(metrics: Metrics, verdicts: Iterable[Verdict]) -> list[str]:
-    """The metrics that are shown by default: those that verdicts are on, and some that every run should show."""
+    """The metrics that are shown by default: those that verdicts are on, and those of `SHORT`."""
     expected = [name for v in verdicts for name in v.metrics]
     there = dict.fromkeys(name for values in metrics.values() for name in values)
     defined = {name for values in metrics.values() for name, value in values.items() if value is not None}
-    # A step: that it has not settled is worth a line.
+    # For a step the settling time is shown even where it is not defined.
     stepped = (name.removesuffix("overshoot_pct") for name in defined if name.endswith("overshoot_pct"))
     defined |= {f"{of}settling_time_2pct_s" for of in stepped}
     shown = [name for name in SHORT if name in defined]
-    if not shown:  # of several surfaces
+    if not shown:  # those of several surfaces have a prefix
         shown = [name for name in there if name in defined and name.partition(".")[2] in SHORT]
     return [name for name in dict.fromkeys([*expected, *shown]) if name in there]
 
@@ -112,7 +112,7 @@ def _unreached(metrics: Metrics) -> list[str]:
 
 
 class Counts(NamedTuple):
-    """How many of some targets are judged, met, missed as is known, missed otherwise, and have drifted."""
+    """Numbers of targets that are judged, met, missed as known gaps, missed otherwise, and have drifted."""
 
     judged: int
     met: int
@@ -170,7 +170,7 @@ def in_words(v: Verdict) -> str:
 
 
 def said(v: Verdict, between: str) -> str:
-    """What there is to say of a verdict: its note, and why it is known to be missed, or that it no longer is."""
+    """Remarks on a verdict: its note, and the reason of its known gap, or that the gap is out of date."""
     begin = "met, so that its known gap is out of date" if v.stale else "met at its bound" if v.passed else "known gap"
     gap = f"{begin}: {v.gap}" if v.gap and v.passed is not None else ""
     return between.join(filter(None, (v.note, gap)))
@@ -213,7 +213,7 @@ def verdict(v: Verdict) -> str:
 
 
 def drift(v: Verdict) -> str:
-    """From which number ours has drifted away; "none" when it has not, nothing without such a number."""
+    """The expected number that ours has drifted from; "none" if it has not, "" without an expected number."""
     return {True: f"[bold red]from {number(v.expected)}[/]", False: "[green]none[/]", None: ""}[v.drifted]
 
 
