@@ -24,7 +24,7 @@ def main() -> None:
 
             code = call(net.whole if debug else lambda error: None)
         except BaseException as error:  # user code may raise anything
-            if "_FORCECTL_COMPLETE" in os.environ:  # completion in a shell ends this way
+            if "_FORCECTL_COMPLETE" in os.environ:  # shell completion ends with an exception
                 raise
             if debug:
                 net.whole(error)

@@ -97,7 +97,7 @@ def run(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate a scenario, say what is wrong with the run, and write log, metrics, figures and block diagram.
+    """Simulate a scenario, report findings on the run, and write log, metrics, figures and block diagram.
 
     Example: forcectl run fig_2_7 --set station.environment.stiffness=2e4 --seed 3
     """

@@ -120,8 +120,8 @@ def reproduce(
     Raises:
         BadInputError: an experiment or the directory cannot be used; nothing was run. A run that fails later is a
             failed row.
-        StorageError: the directory cannot be written any more; what has finished is kept.
-        InterruptedReproductionError: Ctrl-C; what has finished is kept.
+        StorageError: the directory cannot be written any more; finished experiments are kept.
+        InterruptedReproductionError: Ctrl-C; finished experiments are kept.
     """
     several = [experiments] if isinstance(experiments, ONE_SCENARIO) else experiments
     files = [as_file(one, allow_imports) for one in several]
@@ -317,7 +317,7 @@ def _job(task: tuple[int, str, ScenarioFile, Mapping[str, Any]]) -> VariantOutco
         return replace(simulate(scenario, loop, variant), diagram=None, cause=None)
     except ForcectlError as error:
         return str(error)
-    except (Exception, SystemExit) as error:  # a row of the table, with the name of what went wrong
+    except (Exception, SystemExit) as error:  # a row of the table that names the error
         return one_line(error)
 
 

@@ -36,7 +36,7 @@ class RunResult:
     verdicts: list[Verdict] = field(default_factory=list)  # on the scenario's `expect`
     assumed: dict[str, str] = field(default_factory=dict)  # key of the robot -> rule that is assumed
     scenario: Scenario | None = None  # of the first variant
-    findings: dict[str, list[RunFinding]] = field(default_factory=dict)  # variant -> what the user should know
+    findings: dict[str, list[RunFinding]] = field(default_factory=dict)  # variant -> findings on its run
     realtime_factor: dict[str, float | None] = field(default_factory=dict)  # variant -> simulated by computing time
     gains: dict[str, list[FoundGains]] = field(default_factory=dict)  # variant -> found by experiments before it
 

@@ -113,7 +113,7 @@ def finish(
     """Judge simulated variants and write their run directory.
 
     Raises:
-        StoppedRunError: one of them had to stop; what there is was written to `<directory>.failed`.
+        StoppedRunError: one of them had to stop; the results up to there were written to `<directory>.failed`.
         StorageError: the directory cannot be written any more.
     """
     failed = next((outcome for outcome in outcomes if outcome.failure is not None), None)
@@ -223,7 +223,7 @@ def _write_words(
 
 
 def _keep_interrupted(chosen: Chosen, outcomes: Sequence[VariantOutcome], claim: Claim | None) -> InterruptedRunError:
-    """Write the log of a run that was interrupted, without pictures; returns what is to be raised."""
+    """Write the log of an interrupted run, without pictures; returns the exception to be raised."""
     outcomes = [outcome for outcome in outcomes if outcome.log.sizes["time"] > 1]
     if not outcomes:
         return InterruptedRunError("interrupted before anything was simulated: nothing was kept", None, None)

@@ -42,7 +42,7 @@ class VariantOutcome:
         interrupted: by Ctrl-C; `failure` then says when.
         realtime_factor: simulated time divided by computing time [1]; None where several were computed at once.
         diagram: None when the outcome comes from another process.
-        cause: what a block or a solver raised; None when the outcome comes from another process.
+        cause: exception of a block or a solver; None when the outcome comes from another process.
     """
 
     variant: str
@@ -232,7 +232,7 @@ def advance(
 
     Args:
         simulator: of a diagram.
-        until: the time to come to [s].
+        until: time at the end [s].
         interrupts: that are held; they are let through, and stop the advance.
     """
     started = time.perf_counter()
@@ -246,8 +246,8 @@ def advance(
         if interrupts is None:
             raise
         return error, time.perf_counter() - started
-    # Drake's solvers give up with a RuntimeError, its failed preconditions arrive as SystemExit, and a block of the
-    # user's own may raise anything.
+    # Drake's solvers fail with a RuntimeError, its failed preconditions arrive as SystemExit, and a user's block
+    # may raise anything.
     except BaseException as error:
         asked = interrupts is not None and interrupts.asked
         return KeyboardInterrupt() if asked else error, time.perf_counter() - started

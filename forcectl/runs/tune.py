@@ -259,7 +259,7 @@ def _instrument(record: Recorded, again: Recorded) -> np.ndarray:
 
 
 def _check_motor(record: Recorded, on_motor: Recorded | None, instrument: np.ndarray | None) -> None:
-    """Refuse VRFT on motor positions that are not known, or with an instrument."""
+    """Refuse VRFT on motor positions that were not recorded, or with an instrument."""
     if on_motor is None:
         what = "no column of the motors' displacement" if record.motor is None else "not both of u_hat and dx_bar"
         raise BadInputError(

@@ -1,7 +1,7 @@
 """The keys of a sweep, the values of each as a list or a distribution, and the points that are drawn from them.
 
 Distributions have the tags and keys of `pydrake.common.schema` (`!Deterministic`, `!Gaussian`, `!Uniform`,
-`!UniformDiscrete`), and `!LogUniform {min, max}` for what spans decades. From Python they may be Drake's objects.
+`!UniformDiscrete`), and `!LogUniform {min, max}` for ranges over decades. From Python they may be Drake's objects.
 """
 
 from __future__ import annotations
@@ -245,7 +245,7 @@ def _meeting(points: Array, axes: list[Axis], conditions: list[Expression]) -> I
 
 
 def _saltelli(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) -> Array:
-    """Points A, B and, for each key, A with that column of B: what `scipy.stats.sobol_indices` wants."""
+    """Points A, B and, for each key, A with that column of B: the input of `scipy.stats.sobol_indices`."""
     count, size = config.trials or 1, len(axes)
     if conditions:
         raise invalid("constraints", config.constraints, "left out: the design saltelli needs every point")

@@ -20,7 +20,7 @@ from forcectl.sweeps.results import Results
 from forcectl.sweeps.study import Study, versions
 
 CONNECT = 10.0  # [s] to reach a scheduler
-RESTART = 60.0  # [s] for workers to come back when all have died
+RESTART = 60.0  # [s] in which workers may restart after all have died
 _LOOK = 2.0  # [s] between two queries of the number of workers
 _GONE = "the scheduler is gone: start it again"
 _NO_WORKERS = "all workers are gone: start some again"

@@ -34,7 +34,7 @@ class Engine(Protocol):
         """The tasks that have ended since the last call; waits for a moment where there are none."""
 
     def close(self) -> None:
-        """End everything now; trials at work are lost."""
+        """Stop at once; running trials are lost."""
 
 
 class Sequential:
@@ -65,7 +65,7 @@ class Sequential:
         self._waiting.append(task)
 
     def wait(self) -> list[EndedTask]:
-        """Run what was taken."""
+        """Run the submitted task."""
         task = self._waiting.pop()
         run_task(self._study, self._results, task, self._timeout)
         return [EndedTask(task)]
@@ -75,7 +75,7 @@ class Sequential:
 
 
 def reported(study: Study, results: Results, timeout: float | None, task: Task) -> str:
-    """Run trials in a process of its own; returns why their rows could not be written, "" where they were."""
+    """Run trials in a worker process; returns why their rows could not be written, "" if they were."""
     try:
         run_task(study, results, task, timeout)
     except StorageError as error:

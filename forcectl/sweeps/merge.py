@@ -78,7 +78,7 @@ def merge(
 
     Args:
         folders: results directories of one sweep.
-        out: directory of the whole; made if it is not there.
+        out: directory of the merged sweep; created if it does not exist.
         sweep: the sweep, if it holds objects from Python and cannot be read from the directories.
         allow_imports: names of modules that the scenario may name, see `load_scenario`.
 
@@ -119,7 +119,7 @@ def _better(row: Row, other: Row | None, part: Path) -> bool:
     """Whether a row of a trial replaces another one.
 
     Raises:
-        BadInputError: both are done, and differ in more than what they cost.
+        BadInputError: both are done, and differ in more than their cost.
     """
     if other is None:
         return True

@@ -37,7 +37,7 @@ SWEEP = "sweep.yaml"
 BEAT = 2.0  # [s] between two updates of a mark, its signs of life
 SILENT = 60.0  # [s] without such an update, after which the owner of a mark on another machine counts as dead
 _PER_FOLDER = 1000
-_HALF = re.compile(r"\.\d+-.+|\..+\.(\d+|partial)")  # names of what is being written
+_HALF = re.compile(r"\.\d+-.+|\..+\.(\d+|partial)")  # names of unfinished files
 _STARTED = 19  # index of the start time among the fields of /proc/PID/stat after the name
 
 Row = dict[str, Any]

@@ -54,7 +54,7 @@ class SweepResult:
 
     Attributes:
         table: a row for each trial, see `forcectl.sweeps.table`.
-        directory: of the results; None where none was asked for.
+        directory: of the results; None where none was given.
         notes: remarks on the plan and the directory.
     """
 
@@ -103,7 +103,7 @@ def sweep(
 
     Raises:
         BadInputError: the sweep or the directory cannot be used.
-        StorageError: the directory cannot be written any more; what is finished is kept.
+        StorageError: the directory cannot be written any more; finished trials are kept.
         RunFailedError: `fail_fast` and a trial failed.
     """
     if engine not in ENGINES:
@@ -308,7 +308,7 @@ def write_report(
         results: its directory.
         table: of results.
         rows: of finished trials, by number.
-        tell: called between two parts of the work.
+        tell: called between steps of the work.
 
     Raises:
         StorageError: the directory cannot be written.

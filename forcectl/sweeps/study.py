@@ -86,7 +86,7 @@ class Study:
 
     @property
     def seeds(self) -> list[int] | None:
-        """Seeds of each point; None where each has one of its own."""
+        """Seeds of each point; None where each point has one seed, see `seeded_by_point`."""
         if self.config.repeat is not None:
             return list(range(self.config.repeat.at_most))
         return self.config.seed_list()
@@ -323,7 +323,7 @@ def _check_surfaces(config: SweepConfig, surfaces: Sequence[str]) -> None:
 
 
 def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) -> BadInputError:
-    """An error about an override, with the place in the sweep file that set it."""
+    """An error about an override, with file, line and key of the sweep that set it."""
     if error.where != "override":
         return error
     places: list[tuple[str, Mapping[str, Any]]] = [

@@ -189,7 +189,7 @@ class SweepConfig(Config):
 
 
 def _joined(condition: str) -> list[str]:
-    """The parts that `and` joins in a condition, each as written in one way."""
+    """The parts that `and` joins in a condition, each in a normal form, to compare them."""
     tree = ast.parse(condition.strip(), mode="eval").body
     both = isinstance(tree, ast.BoolOp) and isinstance(tree.op, ast.And)
     return [ast.unparse(part) for part in (tree.values if both else [tree])]  # type: ignore[attr-defined]

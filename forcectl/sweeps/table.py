@@ -68,7 +68,7 @@ def trials_table(
         study: the sweep.
         numbers: of the trials that are needed.
         rows: of those that are finished, by number.
-        marks: trials at work, and whether their process lives.
+        marks: trials with a mark, and whether their process is alive.
     """
     import pandas as pd
 

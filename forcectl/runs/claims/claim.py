@@ -164,7 +164,7 @@ class Claim:
         if not ending and not self._force:
             return _place(self.directory, self.results)
         target = _named(self.directory, ending)
-        if os.path.exists(target):  # an earlier failure at the same place is out of date
+        if os.path.exists(target):  # an earlier failure in the same directory is out of date
             target.rename(self._earlier)
         self.results.rename(target)
         shutil.rmtree(self._earlier, ignore_errors=True)
@@ -232,7 +232,7 @@ def of_partial(folder: Path) -> Path:
 
 
 def check_free(directory: Path, force: bool) -> None:
-    """Refuse a directory that exists, or lies in that of a run, before any work is done.
+    """Refuse a directory that exists, or is inside the directory of a run, before any work is done.
 
     Args:
         directory: where the run is to be written.
@@ -268,7 +268,7 @@ def free_name(folder: Path, stem: str, first: int = 1) -> Path:
 
 
 def _restore(earlier: Path, directory: Path) -> None:
-    """Undo a replacement that was stopped half-way."""
+    """Undo a replacement that was interrupted."""
     if os.path.exists(earlier) and not os.path.exists(directory):
         earlier.rename(directory)
     shutil.rmtree(earlier, ignore_errors=True)

@@ -25,7 +25,7 @@ class FoundResults:
 
     Attributes:
         directory: where the results are, or will be.
-        kind: "run", "reproduction", "sweep" or "tuning"; "" where that is not known yet.
+        kind: "run", "reproduction", "sweep" or "tuning"; "" where it cannot be determined yet.
         state: in words.
         left: whether a process that has ended left it incomplete.
     """

@@ -73,7 +73,7 @@ def salvage(results: Path, target: Path) -> Path | None:
     """Turn the stored variants into an interrupted run; replaces an earlier one.
 
     Args:
-        results: the folder where it was kept.
+        results: the folder where they were stored.
         target: the directory to make of it.
 
     Returns:

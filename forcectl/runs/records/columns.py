@@ -38,7 +38,7 @@ class Column:
 
     @property
     def label(self) -> str:
-        """Name and unit as they stand in a header."""
+        """Name and unit, as in a header."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 

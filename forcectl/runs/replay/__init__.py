@@ -1,1 +1,1 @@
-"""Replays of runs: what happened in three dimensions, with forces and modes, as one page."""
+"""Replays of runs: the motion in three dimensions, with forces and modes, as one HTML page."""

@@ -154,7 +154,7 @@ class Arrow:
         meshcat.SetObject(self._head, MeshcatCone(_HEAD, look.width, look.width), look.colour)
 
     def draw(self, start: Array, force: Array, when: float) -> None:
-        """Draw it from a point (3,) [m] along a force (3,) [N], both in W, at a time [s] of the recording."""
+        """Draw the arrow from a point (3,) [m] along a force (3,) [N], both in W, at a time [s] of the recording."""
         length = ARROW * float(np.linalg.norm(force))
         shown = length > ARROW * _LEAST
         for path in (self._shaft, self._head):
@@ -167,7 +167,7 @@ class Arrow:
             self._meshcat.SetTransform(self._shaft, middle, when)
             # The scale is along the axes of the shape: for a box Drake's axes, but a cylinder in Meshcat lies along y.
             self._meshcat.SetProperty(f"{self._shaft}/<object>", "scale", [1.0, 1.0, shaft], when)
-            # A cone stands on its point.
+            # The origin of a cone is its apex.
             back = RigidTransform(along @ RotationMatrix.MakeXRotation(np.pi), start + ARROW * force)
             self._meshcat.SetTransform(self._head, back, when)
             self._meshcat.SetProperty(self._head, "scale", 3 * [head / _HEAD], when)

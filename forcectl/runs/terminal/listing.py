@@ -31,7 +31,7 @@ KINDS = ("experiments", "presets", "robots", "tools", *PLURALS.values(), "blocks
 
 
 def catalog_tables() -> list[Table]:
-    """Experiments, presets, and what fills the slots."""
+    """Experiments, presets, and the choices for the slots."""
     parts = new_table("Slots of a scenario, and what fills them", "slot", "choices")
     for key, names in catalog.list_models().items():
         parts.add_row(key, ", ".join(names))
@@ -92,7 +92,7 @@ def found_table(found: Iterable[FoundResults]) -> Table:
 
 
 def key_tables(name: str) -> list[Table]:
-    """The keys of what a tag stands for, for each slot that has it, or of a scenario; one table for each part within.
+    """The keys of the part behind a tag, for each slot that has it, or of a scenario; one table for each nested part.
 
     Args:
         name: a tag as in `!Integral`, or `SCENARIO`.
@@ -116,7 +116,7 @@ def key_tables(name: str) -> list[Table]:
 
 
 def key_rows(name: str) -> dict[str, list[dict[str, str]]]:
-    """The keys of what a tag stands for, by slot, or of a scenario, see `KeyWords`."""
+    """The keys of the part behind a tag, by slot, or of a scenario, see `KeyWords`."""
     return {slot: [words._asdict() for words in keys] for slot, keys in _keys(name).items()}
 
 

@@ -130,7 +130,7 @@ def counts(verdicts: Iterable[Verdict]) -> Counts:
 
 
 def verdict_table(verdicts: Sequence[Verdict], title: str = "", width: int = 80) -> Table:
-    """Targets with verdict, our number and what is allowed and published: as columns, or in a narrow terminal as text.
+    """Targets with verdict, our number, tolerance and published value: as columns, or in a narrow terminal as text.
 
     Args:
         verdicts: one for each target.
@@ -160,7 +160,7 @@ def verdict_table(verdicts: Sequence[Verdict], title: str = "", width: int = 80)
 
 
 def in_words(v: Verdict) -> str:
-    """Target, our number, what is allowed and published, and a drift, as one line of text."""
+    """Target, our number, tolerance, published value and drift, as one line of text."""
     told = [part for part in (v.tolerance, f"published: {published(v)}") if part]
     if v.drifted:
         told.append(f"drifted from {number(v.expected)}")
@@ -177,7 +177,7 @@ def said(v: Verdict, between: str) -> str:
 
 
 def reproduction_lines(parts: Iterable[tuple[str, Sequence[Verdict]]]) -> Table:
-    """A line for each experiment, and below it what it missed, where it drifted, and gaps that are met.
+    """A line for each experiment, and below it its missed or drifted targets, and gaps that are met.
 
     Args:
         parts: heading and verdicts of each.
@@ -202,7 +202,7 @@ def as_html(tables: Iterable[Table], width: int) -> str:
 
 
 def published(v: Verdict) -> str:
-    """What is published of a target: a statement or a number."""
+    """The published value of a target: a statement or a number."""
     return v.published if isinstance(v.published, str) else number(v.published, "nothing")
 
 

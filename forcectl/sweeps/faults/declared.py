@@ -32,7 +32,7 @@ class DeclaredFault:
 
     Attributes:
         name: of its row in the table.
-        meaning: what happens, for the docs.
+        meaning: description of the fault, for the docs.
         change: function of scenario and begin [s]; returns the changes, or why the scenario cannot have the fault.
         causes: those of the guard's status that identify it.
         findings: kinds of findings that identify it.

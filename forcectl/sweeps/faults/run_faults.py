@@ -37,8 +37,8 @@ class FaultReport:
         fidelity: of its station.
         begin: of the faults [s].
         rows: for every controller, the run without a fault and those with faults.
-        left_out: what was not run: "controller: fault" or controller -> why.
-        directory: of the sweep; None where none was asked for.
+        left_out: reasons of runs that were left out, by "controller: fault" or controller.
+        directory: of the sweep; None where none was given.
     """
 
     scenario: str

@@ -60,7 +60,7 @@ def in_words(numbers: Sequence[str]) -> str:
 
 
 def markdown(report: FaultReport) -> str:
-    """The table, with a heading and what was left out."""
+    """The table in Markdown, with a heading and the runs that were left out."""
     head = f"`{report.scenario}`, {report.variant}, {report.fidelity}, faults from {report.begin:g} s on:"
     lines = [f"| {' | '.join(COLUMNS)} |", f"|{'---|' * len(COLUMNS)}"]
     lines += [f"| {' | '.join(cells(row))} |" for row in report.rows]

@@ -41,9 +41,8 @@ class Envelope:
 def read_envelope(paths: Sequence[Path], name: str) -> Envelope | None:
     """The range of a signal over the trials of some files; None where none of them has it.
 
-    Of a vector the first `MOST_COMPONENTS` components are read, which bounds what is held in memory at once.
-    Trials of unequal duration end early: what follows is from the others. Of very many trials some are read, evenly
-    distributed.
+    Of a vector the first `MOST_COMPONENTS` components are read, which bounds the memory in use.
+    Where trials end early, later values are from the others. Of very many trials an evenly distributed part is read.
 
     Args:
         paths: of the files, some of which need not exist.

@@ -73,7 +73,7 @@ def keep_worst(
 
 
 def kept(results: Results) -> dict[int, Path]:
-    """Folders of the worst trials that are kept, by number."""
+    """Folders of the worst trials that are stored, by number."""
     found = {}
     for path in sorted((results.folder / WORST).glob("*-trial-*")):
         match = _NAME.fullmatch(path.name)
