@@ -1,7 +1,7 @@
 """MPC command governor: gives a force loop of moderate bandwidth the reference that makes it fast (Sec. 4.6).
 
-`program` has the problem, and `stability` says for which true delays the whole is stable. That r[0] is far above the
-desired force is intended: it is how a slow loop becomes fast.
+`program` states the problem; `stability` tests for which true delays the governed loop is stable. r[0] is meant to be
+far above the desired force: that makes a slow loop fast.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _OPTIMAL, _NOT_FINITE = float(Status.OPTIMAL), float(Status.NOT_FINITE)
 
 
 class CommandGovernor(SampledBatch):
-    """Chooses the references of n independent force loops, tick by tick. (4.31), (4.33)*
+    """Reference governor of n independent force loops: computes their references anew at every tick. (4.31), (4.33)*
 
     ```
     name: CommandGovernor
@@ -63,25 +63,25 @@ class CommandGovernor(SampledBatch):
 
     desired_force, measured_force: shape (n,) [N].
     governed_reference: shape (n,), r[t] [N], for the `desired_force` of the inner loop. Feedthrough of both inputs.
-    status: shape (n,), see `Status` [1]: OPTIMAL; NOT_FINITE while a force is not a finite number, which holds the last
-    reference; with a horizon of more than one tick also SLACK (the predicted force cannot stay within its limits) and
-    SOLVER_FAILED, which holds the last reference as well. Feedthrough of both inputs.
+    status: shape (n,), see `Status` [1]: OPTIMAL; NOT_FINITE while a force is not a finite number: the last reference
+    is held; with a horizon of more than one tick also SLACK (the predicted force cannot stay within its limits) and
+    SOLVER_FAILED (the last reference is held as well). Feedthrough of both inputs.
 
     Parameters (Context, shape (n,)): inner_pole A and reference_pole At of the models per tick, in (0, 1);
     output_weight Q_y >= 0, reference_weight Q_r > 0; lower_limit and upper_limit of r [N], rate_limit of r [N/s] > 0,
-    lower_force and upper_force [N] of the predicted force; infinite for no limit. They bound what the model of the
-    inner loop predicts, not the reference, which is beyond them while the force is on its way (lower_limit and
-    upper_limit are for that), and not what the true loop does otherwise than its model.
+    lower_force and upper_force [N] of the predicted force; infinite: no limit. These two bound the force that the model
+    of the inner loop predicts. They do not bound the reference, which exceeds them in transients (lower_limit and
+    upper_limit bound it), and not the deviation of the true loop from its model.
 
     Sampling: every `period` [s]; no delay from measured_force to governed_reference, see `SampledBlock`.
 
     Args:
         size: batch size n.
         delay: of the inner loop, T_d = N `period` [s].
-        horizon: h, 1 to 500 [ticks]; 1 is the thesis' and has a closed form with all limits, more is a quadratic
+        horizon: h, 1 to 500 [ticks]; 1, as in the thesis, has a closed form with all limits, more needs a quadratic
             program per batch element and tick.
-        initial_force: at which the loop rests before the first tick, shape (n,) or a number [N].
-        solver: of the program: its name, or the solver.
+        initial_force: force at which the loop is at rest before the first tick, shape (n,) or a number [N].
+        solver: of the quadratic program: its name, or the solver.
     """
 
     def __init__(
@@ -130,9 +130,9 @@ class CommandGovernor(SampledBatch):
             "governed_reference": start,
             "status": 0.0,
             "wanted_force": start,
-            # The last ones of so many ticks, the newest first.
+            # r of the last N ticks, the newest first.
             "references": np.tile(start, (max(1, self._ticks), 1)),
-            # What the tick is solved for, to be looked at.
+            # Inputs of the last tick's program, for `program`.
             "posed": np.zeros((len(Situation._fields), size)),
         }
         self.declare_memory(memory, inputs, period)
@@ -146,7 +146,7 @@ class CommandGovernor(SampledBatch):
         _check_limits(values)
 
     def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
-        """Coefficients and limits of all batch elements, and, for a longer horizon, those of each."""
+        """Coefficients and limits of all batch elements together and, for a longer horizon, of each by itself."""
         model, (lower, upper, rate, *forces) = values[:4], values[4:]
         limits = GovernorLimits(lower, upper, rate * self._period, *forces)
         inner, wanted, output, reference = model
@@ -183,12 +183,12 @@ class CommandGovernor(SampledBatch):
         }
 
     def program(self, context: Context, element: int = 0) -> MathematicalProgram:
-        """The quadratic program of the last tick of one batch element, in r[t], ..., r[t+h-1] [N]; everything in it has
-        a name.
+        """The quadratic program of the last tick of one batch element, in r[t], ..., r[t+h-1] [N]; variables, rows and
+        costs have names.
 
-        Its r[t] is the governed reference, also where the closed form gives it. Where the forces have slack, some
-        solvers cannot cope with its weights: of Drake's, Clarabel. The program belongs to the context, and is filled
-        anew by the next look at it.
+        Its r[t] is the governed reference, also where the closed form gives it. Where the forces have slack, its
+        weights are too large for some solvers, among Drake's for Clarabel. The program belongs to the context, and the
+        next call fills it anew.
 
         Args:
             context: of this block.
@@ -218,7 +218,7 @@ class CommandGovernor(SampledBatch):
 
 
 def _check_limits(values: Mapping[str, Array]) -> None:
-    """BadInputError unless there is a number between each pair of limits."""
+    """BadInputError unless each pair of limits is in order and admits a finite number."""
     for lower, upper in (("lower_limit", "upper_limit"), ("lower_force", "upper_force")):
         check_order(lower, upper, values)
         if np.any(values[lower] == inf) or np.any(values[upper] == -inf):
@@ -250,7 +250,7 @@ class GovernedForceLaw(Around):
         law: a ForceLaw or a ForceController.
 
     Raises:
-        BadInputError: the law has no such inputs.
+        BadInputError: the law lacks the input desired_force or measured_force.
     """
 
     port_units = {"governed_reference": "N", "governor_status": "1"}
@@ -274,34 +274,56 @@ class GovernedForceLaw(Around):
 
 @dataclass(kw_only=True)
 class GovernedConfig(AroundLawConfig, Config):
-    """Scenario part `!Governed`: a reference that makes a force loop of moderate bandwidth fast, by MPC.
+    """Scenario part `!Governed`: an MPC reference governor that makes a force loop of moderate bandwidth fast.
 
-    The default is that of Sec. 4.6.3.
+    The defaults are those of Sec. 4.6.3.
 
-    In front of any controller of the force; one that does not state the bandwidth of its loop needs `inner_bandwidth`.
+    It stands in front of any force controller. One that does not state the bandwidth of its closed loop needs
+    `inner_bandwidth`.
     """
 
-    law: Any = slot("controller", VrftConfig, meaning="controller of the force that is governed")
+    law: Any = slot("controller", VrftConfig, meaning="force controller whose reference the governor computes")
     inner_bandwidth: float | None = key(
-        None, "(1-A)/Ts; null: that of the law", unit="rad/s", bounds="positive", each=True
+        None,
+        "bandwidth (1-A)/Ts of the modelled inner force loop; null: as the law states it",
+        unit="rad/s",
+        bounds="positive",
+        each=True,
     )
     reference_bandwidth: float = key(
-        7.5, "(1-At)/Ts: At = 0.985 at 2 ms; 4.5 is the 0.991 of the text", unit="rad/s", bounds="positive", each=True
+        7.5,
+        "bandwidth (1-At)/Ts of the wanted response; 7.5: At = 0.985 at 2 ms, 4.5: the 0.991 of the thesis' text",
+        unit="rad/s",
+        bounds="positive",
+        each=True,
     )
-    delay: float = key(0.08, "T_d, whole control ticks", unit="s", bounds="not negative")
-    output_weight: float = key(1.0, "weight Q_y", bounds="not negative", each=True)
-    reference_weight: float = key(1e-3, "weight Q_r", bounds="positive", each=True)
+    delay: float = key(0.08, "delay T_d of the modelled inner loop, whole ticks", unit="s", bounds="not negative")
+    output_weight: float = key(
+        1.0, "weight Q_y of the difference of wanted and predicted force", bounds="not negative", each=True
+    )
+    reference_weight: float = key(
+        1e-3, "weight Q_r of the difference of desired force and reference", bounds="positive", each=True
+    )
     horizon: int = key(
-        1, "above one: a quadratic program per tick", unit="ticks", bounds=f"from 1 to {LONGEST_HORIZON}"
+        1,
+        "prediction horizon; 1: closed form, more: a quadratic program per tick",
+        unit="ticks",
+        bounds=f"from 1 to {LONGEST_HORIZON}",
     )
-    lower_limit: float = key(-inf, "smallest reference of the law", unit="N")
-    upper_limit: float = key(inf, "largest reference of the law", unit="N", bounds="positive or infinite")
-    rate_limit: float = key(inf, "largest rate of the reference of the law", unit="N/s", bounds="positive")
+    lower_limit: float = key(-inf, "lower limit of the reference given to the law", unit="N")
+    upper_limit: float = key(
+        inf, "upper limit of the reference given to the law", unit="N", bounds="positive or infinite"
+    )
+    rate_limit: float = key(
+        inf, "largest rate of change of the reference given to the law", unit="N/s", bounds="positive"
+    )
     lower_force: float = key(
-        -inf, "smallest predicted force; does not bound the reference nor what the model misses", unit="N"
+        -inf, "lower limit of the predicted force; bounds neither the reference nor the error of the model", unit="N"
     )
-    upper_force: float = key(inf, "largest predicted force", unit="N")
-    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=solver_choices)
+    upper_force: float = key(
+        inf, "upper limit of the predicted force; bounds neither the reference nor the error of the model", unit="N"
+    )
+    solver: str = key(DEFAULT_SOLVER, "solver of the quadratic program of a horizon above 1", choices=solver_choices)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -341,7 +363,7 @@ class GovernedConfig(AroundLawConfig, Config):
         return stability_report(inner, ticks, alpha, true_delay_ticks=true_delay_ticks)
 
     def governor(self, model: PlantModel) -> CommandGovernor:
-        """The governor alone.
+        """The block of the governor, without the law.
 
         Raises:
             BadInputError: a bandwidth that is not below 1/period, or a delay that is not a whole number of periods.

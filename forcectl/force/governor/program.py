@@ -2,8 +2,8 @@
 
     min  sum_j  Q_y (yt[t+N_p+j] - y[t+N_p+j])^2 + Q_r (F_bar - r[t+j])^2,    j = 0..h-1                        (4.31a)
 
-    y[t+1]  = A y[t] + (1-A) r[t-N]             the inner loop: a decay of the pole A behind N ticks of delay    (4.28)
-    yt[t+1] = At yt[t] + (1-At) F_bar           the wanted response; it runs freely, y does not reset it         (4.29)
+    y[t+1]  = A y[t] + (1-A) r[t-N]             the inner loop: first order, pole A, behind N ticks of delay     (4.28)
+    yt[t+1] = At yt[t] + (1-At) F_bar           the wanted response, in open loop: y does not reset it           (4.29)
 
 N_p = N + 1 is the first tick that r[t] acts on, so with the references of the past r[t-1], ..., r[t-N] and F_bar held::
 
@@ -14,7 +14,7 @@ For h = 1, the thesis' problem, the minimum is, with a minus on S where the thes
 
     r = [(1-A) Q_y (yt[t+N_p] - A^N_p y - (1-A) S) + Q_r F_bar] / [(1-A)^2 Q_y + Q_r]                           (4.33)*
 
-and with constraints that r moved into them, because the problem has one variable.
+With constraints the minimum is this r, clipped to them, because the problem has one variable.
 """
 
 from __future__ import annotations
@@ -34,27 +34,27 @@ from forcectl.framework.batch import BatchValue, check_count
 from forcectl.qp.quadratic_program import QuadraticProgram, Solution, Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
 
-# A prediction over more ticks than this is a unit taken for another.
+# Longest delay: a longer one is taken for a mistake in the unit.
 MOST_TICKS = 10_000
-# The matrices of a horizon of h have 2 h^2 numbers, solved for at every tick.
+# The matrices of a horizon h have 2 h^2 numbers, and the program is solved at every tick.
 LONGEST_HORIZON = 500
 
-# What one newton of r is worth to keep the predicted force within its limits, against one newton of tracking.
+# Slack weight of the limits of the predicted force, see `QuadraticProgram`; the slack is in newtons of r.
 _FORCE_WEIGHT = 1e4
-# The same for a horizon of one tick: there the closed form gives the limits of the force up only as far as it must.
+# The same for a horizon of one tick: there the closed form exceeds the force limits no further than it must.
 _FORCE_WEIGHT_OF_ONE = 1e10
 
 
 class ClosedFormCoefficients(NamedTuple):
-    """The numbers of the closed form, batch values.
+    """Coefficients of the closed form, as batch values.
 
     Attributes:
         input_gain: 1-A.
         force_decay: A^N_p.
         past_weights: (1-A) A^i of r[t-i], i = 1..N.
         wanted_decay: At^N_p.
-        gain: of r per newton that y[t+N_p] is wanted higher.
-        share: of F_bar in r.
+        gain: change of r per newton by which y[t+N_p] should be higher.
+        share: weight of F_bar in r.
         reference_pole: At.
     """
 
@@ -105,17 +105,17 @@ def coefficients(
     output_weight: BatchValue,
     reference_weight: BatchValue,
 ) -> ClosedFormCoefficients:
-    """The numbers of (4.33)*, once per change of a parameter.
+    """The coefficients of (4.33)*, computed once per change of a parameter.
 
     Args:
         inner_pole: A, in (0, 1).
         reference_pole: At, in (0, 1).
         delay_ticks: N >= 0.
         output_weight: Q_y >= 0.
-        reference_weight: Q_r >= 0; without it r is a hundred times F_bar. Floats or (n,).
+        reference_weight: Q_r >= 0; with 0, r is a hundred times F_bar. Floats or (n,).
 
     Raises:
-        BadInputError: a value outside of that.
+        BadInputError: a value outside of its range.
     """
     check_pole("inner_pole", inner_pole)
     check_pole("reference_pole", reference_pole)
@@ -174,8 +174,8 @@ class GovernorLimits(NamedTuple):
     Attributes:
         lower, upper: of r [N].
         rate: of its change per tick [N].
-        lower_force, upper_force: of the predicted force [N], kept as well as r can. Where they contradict each other,
-            the rate goes before the bounds of r, those before the force.
+        lower_force, upper_force: of the predicted force [N], kept as far as r can. Where limits contradict each other,
+            the rate has priority over the bounds of r, and these over the force.
     """
 
     lower: BatchValue = -np.inf
@@ -210,7 +210,7 @@ _NO_LIMITS = GovernorLimits()
 
 
 class Horizon(NamedTuple):
-    """The numbers of the program over h ticks, of one batch element.
+    """The coefficients of the program over h ticks, for one batch element.
 
     Attributes:
         c: of the closed form.
@@ -236,7 +236,7 @@ def over_horizon(
     *,
     horizon: int = 1,
 ) -> Horizon:
-    """The numbers of the program of one batch element, once per change of a parameter.
+    """The coefficients of the program of one batch element, computed once per change of a parameter.
 
     The other arguments and errors are those of `coefficients`.
 
@@ -252,7 +252,7 @@ def over_horizon(
 
 
 class Situation(NamedTuple):
-    """What the program of one tick depends on, of one batch element.
+    """Inputs of the program of one tick, for one batch element.
 
     Attributes:
         wanted, desired, free: see `closed_form` [N].
@@ -296,12 +296,12 @@ class GovernorProgram:
         return GovernorProgram(len(self._ahead), solver=self._solver)
 
     def solve(self, numbers: Horizon, at: Situation, limits: GovernorLimits = _NO_LIMITS) -> Solution:
-        """The references r[t], ..., r[t+h-1] [N], shape (h,); all of them the last one when there is no solution.
+        """The references r[t], ..., r[t+h-1] [N], shape (h,); all equal to r[t-1] when there is no solution.
 
         Args:
             numbers: of `over_horizon` with the same h.
-            at: this tick.
-            limits: numbers.
+            at: inputs of this tick.
+            limits: as numbers, of one batch element.
         """
         fallback = np.full(len(self._ahead), at.last)
         if not isfinite(at.wanted + at.desired + at.free):
@@ -312,7 +312,7 @@ class GovernorProgram:
         """The program of a tick, see `solve`; with slacks of the forces where these cannot be kept within their limits.
 
         Raises:
-            BadInputError: a number is none: there was nothing to solve.
+            BadInputError: an input is not a finite number: there was nothing to solve.
         """
         status = self.solve(numbers, at, limits).status
         return self._program.program(status, **self._pose(numbers, at, limits))
@@ -325,7 +325,7 @@ class GovernorProgram:
         # The change from r[t-1] to r[t] is a row of r[t] alone.
         before = np.zeros(len(self._ahead))
         before[0] = at.last
-        # Bounds that the rate cannot reach in time would contradict it.
+        # Bounds that r cannot reach in time are widened: they would contradict the rate limit.
         reach = self._ahead * limits.rate
         return {
             "hessian": numbers.hessian,

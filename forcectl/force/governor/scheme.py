@@ -1,4 +1,4 @@
-"""The equivalent scheme of a governed loop (Fig. 4.13): four transfer functions in the place of the problem (4.31).
+"""The equivalent scheme of a governed loop (Fig. 4.13): four transfer functions in place of the problem (4.31).
 
 Without limits and with a horizon of one tick, (4.33)* is linear, and the loop of governor and inner loop is::
 
@@ -13,9 +13,9 @@ Without limits and with a horizon of one tick, (4.33)* is linear, and the loop o
     M* = (1-A)/(z^Nbar (z - A)),          the inner loop with its true delay Nbar        (4.28)
     feedback = alpha A^N_p/(1-A)
 
-(4.35)* says the same of a constant F_bar in steps of N_p ticks, with N_p states that start on the wanted response. Here
-F1 has one state, runs tick by tick, and holds for any F_bar. A stands before the loop, so the poles of (4.39) are those
-of B, M* and the feedback: the roots of (4.40), see `stability`.
+(4.35)* is the same for a constant F_bar, in steps of N_p ticks, with N_p states that start on the wanted response. Here
+F1 has one state, is updated every tick, and holds for any F_bar. A stands before the loop, so the poles of (4.39) are
+those of B, M* and the feedback: the roots of (4.40), see `stability`.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ class EquivalentScheme(PythonDiagram):
     force: shape (1,), y of the inner loop [N]. State, no direct feedthrough.
     governed_reference: shape (1,), r [N]. Feedthrough of desired_force.
 
-    Sampling: every `period` [s]; it starts at rest, all forces and references of the past zero.
+    Sampling: every `period` [s]; it starts at rest, with all past forces and references zero.
 
     Args:
         inner_pole: A, in (0, 1).
         reference_pole: At, in (0, 1).
-        delay_ticks: N >= 0, of the governor's model.
-        true_delay_ticks: Nbar >= 0, of the inner loop.
+        delay_ticks: N >= 0, delay in the governor's model.
+        true_delay_ticks: Nbar >= 0, delay of the inner loop.
         output_weight: Q_y >= 0.
         reference_weight: Q_r > 0.
 
     Raises:
-        BadInputError: a value outside of that.
+        BadInputError: a value outside of its range.
     """
 
     port_units = {"governed_reference": "N"}
@@ -127,7 +127,7 @@ def delayed_loop(inner_pole: float, true_delay_ticks: int, period: float) -> Lin
 
 
 def _linear(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: float, period: float) -> LinearSystem:
-    """One input, one output."""
+    """A sampled system with one input and one output."""
     return LinearSystem(np.asarray(a), np.asarray(b), np.asarray(c), np.array([[d]]), period)
 
 

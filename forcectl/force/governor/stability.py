@@ -1,6 +1,6 @@
 """For which true delays of the inner loop a command governor is stable (Sec. 4.6.2).
 
-The governor's model has N ticks of delay, the loop Nbar, eps = N - Nbar. What it feeds back is
+The governor's model has N ticks of delay, the true loop has Nbar; eps = N - Nbar. The feedback of the governor is
 
     r = ... - alpha/(1-A) (A^N_p y + (1-A) S),      alpha = (1-A)^2/((1-A)^2 + Q_r/Q_y) for a horizon of one     (4.32)
 
@@ -30,23 +30,23 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.force.governor.program import check_pole, check_ticks, over_horizon
 from forcectl.framework.batch import check
 
-# A double root is found to about 3e-8 only: a pole nearer to the unit circle is not called stable. It would decay over
-# ten million ticks.
+# A double root is computed to about 3e-8 only, so a pole nearer than this to the unit circle is not called stable. Its
+# time constant would be ten million ticks.
 _POLE_MARGIN = 1e-7
 _FREQUENCY_MARGIN = 1e-12
-# What cannot move a pole by a rounding error, and would overflow when divided by.
+# Coefficients below this move a pole by less than rounding does, and a division by them would overflow.
 _NEGLIGIBLE = 1e-10
-# Roots of a higher degree take minutes.
+# Longest delays: the roots of a polynomial of higher degree take minutes.
 _MOST_TICKS = 2000
 
 
 def feedback_weight(
     inner_pole: float, delay_ticks: int, output_weight: float, reference_weight: float, *, horizon: int = 1
 ) -> float:
-    """alpha [1], in [0, 1]: what share of the predicted free force the governor takes back. (4.32)
+    """alpha [1], in [0, 1]: the share of the predicted free force that the governor feeds back. (4.32)
 
-    See `over_horizon` for the arguments. A longer horizon without active limits feeds the same back, with a larger
-    alpha.
+    See `over_horizon` for the arguments. With a longer horizon and no active limits the feedback is the same, with a
+    larger alpha.
     """
     numbers = over_horizon(inner_pole, inner_pole, delay_ticks, output_weight, reference_weight, horizon=horizon)
     gains = np.linalg.solve(numbers.hessian, numbers.c.gain * numbers.response.T @ numbers.free_decay)
@@ -63,7 +63,7 @@ def characteristic_polynomial(inner_pole: float, alpha: float, delay_ticks: int,
         true_delay_ticks: Nbar >= 0.
 
     Raises:
-        BadInputError: a value outside of that.
+        BadInputError: a value outside of its range.
     """
     _check(inner_pole, alpha, delay_ticks, true_delay_ticks)
     fed_back = alpha * inner_pole ** (delay_ticks + 1)
@@ -98,13 +98,13 @@ def frequency_margin(inner_pole: float, alpha: float, delay_ticks: int, true_del
     series[0] = (1.0 - pole) ** 2 + 2.0 * pole - 2.0 * fed_back**2
     series[1] = -2.0 * pole
     series[abs(delay_ticks - true_delay_ticks)] += 2.0 * fed_back**2
-    # Real parts of complex roots are further points where the polynomial is looked at, and do no harm.
+    # Real parts of complex roots are only further points at which the polynomial is evaluated.
     points = np.clip(np.real(chebyshev.chebroots(chebyshev.chebder(series))), -1.0, 1.0)
     return float(chebyshev.chebval(np.append(points, [-1.0, 1.0]), series).min())
 
 
 def alpha_for_every_delay(inner_pole: float, delay_ticks: int) -> float:
-    """Test (iii): the loop is stable for every Nbar when alpha is below this, or at most 1 where it is infinite."""
+    """Test (iii): the loop is stable for every Nbar when alpha is below this; infinite: for every alpha up to 1."""
     _check(inner_pole, 0.0, delay_ticks, 0)
     slope = 2.0 * inner_pole ** (delay_ticks + 1) - inner_pole
     return (1.0 - inner_pole) / slope if slope > 1.0 - inner_pole else inf
@@ -113,12 +113,12 @@ def alpha_for_every_delay(inner_pole: float, delay_ticks: int) -> float:
 def largest_alpha(inner_pole: float, delay_ticks: int, true_delay_ticks: int) -> float:
     """The alpha [1] up to which the loop is stable, all smaller ones included; 1 if it is stable for all of them.
 
-    There a pole reaches the unit circle: (4.40) is D(z) + alpha E(z), and alpha = -D/E is real.
+    At this alpha a pole reaches the unit circle: (4.40) is D(z) + alpha E(z), and alpha = -D/E is real there.
     """
     _check(inner_pole, 0.0, delay_ticks, true_delay_ticks)
     open_loop = characteristic_polynomial(inner_pole, 0.0, delay_ticks, true_delay_ticks)
     feedback = characteristic_polynomial(inner_pole, 1.0, delay_ticks, true_delay_ticks) - open_loop
-    # D(z) E(1/z) = D(1/z) E(z) where D/E is real on the unit circle.
+    # On the unit circle D/E is real where D(z) E(1/z) = D(1/z) E(z).
     real_ratio = np.convolve(open_loop, feedback[::-1]) - np.convolve(open_loop[::-1], feedback)
     real_ratio[np.abs(real_ratio) < _NEGLIGIBLE**2 * np.abs(real_ratio).max()] = 0.0
     roots = np.roots(real_ratio)
@@ -132,11 +132,11 @@ def largest_alpha(inner_pole: float, delay_ticks: int, true_delay_ticks: int) ->
 
 @dataclass(frozen=True)
 class DelayCase:
-    """One true delay: Nbar [ticks], the tests, and the alpha [1] up to which it is stable.
+    """Results for one true delay Nbar [ticks]: the tests, and the alpha [1] up to which the loop is stable.
 
     Attributes:
-        stable: by test (i).
-        certain: by test (ii). A stable loop may be uncertain.
+        stable: whether test (i) is passed.
+        certain: whether test (ii) is passed. A stable loop may fail it.
     """
 
     true_delay_ticks: int
@@ -148,10 +148,10 @@ class DelayCase:
 
 @dataclass(frozen=True)
 class StabilityReport:
-    """What the tests say of one governor.
+    """Results of the tests for one governor.
 
     Attributes:
-        for_every_delay: test (iii).
+        for_every_delay: whether test (iii) is passed.
         cases: in the order asked for.
     """
 
@@ -160,12 +160,12 @@ class StabilityReport:
 
     @property
     def stable(self) -> bool:
-        """Whether all true delays asked for are stable, by test (i)."""
+        """Whether the loop is stable for all true delays asked for, by test (i)."""
         return all(case.stable for case in self.cases)
 
     @property
     def largest_alpha(self) -> float:
-        """The alpha [1] up to which all true delays asked for are stable."""
+        """The alpha [1] up to which the loop is stable for all true delays asked for."""
         return min(case.largest_alpha for case in self.cases)
 
 
@@ -181,7 +181,7 @@ def stability_report(
         true_delay_ticks: Nbar, at least one, each 0..2000.
 
     Raises:
-        BadInputError: a value outside of that.
+        BadInputError: a value outside of its range.
     """
     if len(true_delay_ticks) == 0:
         raise BadInputError("true_delay_ticks is empty: must have at least one delay")

@@ -1,7 +1,8 @@
 """Force control that re-tunes itself while it regulates: EWRLS-VRFT, for surfaces of several materials (Sec. 4.5).
 
-It learns only while the force moves, because data at rest do not determine K_P; never from a force so low that contact
-may be lost; and within a range about the gains it starts with. New gains make the command bend, not jump.
+The gains are adapted only while the force changes, because data at rest do not determine K_P, and never at a force so
+low that contact may be lost. They stay within a range about the initial gains. When they change, the slope of the
+command changes, and the command does not jump.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ from forcectl.plant.plant_model import PlantModel
 def add_tuned_law(
     builder: DiagramBuilder, law: LinearForceLaw, tuner: RecursiveVrft, motor_side: MotorSideRecord | None = None
 ) -> None:
-    """Add a law as `law` and what tunes its gains as `tuner`, connected, with the ports of the slot and the gains.
+    """Add a law as `law` and the tuner of its gains as `tuner`, connect them, and export the ports of both.
 
     Args:
         builder: to add to.
-        law: with gains from ports.
-        tuner: of these.
-        motor_side: what it learns from; None: the command of the law and the force.
+        law: with input ports for its gains.
+        tuner: of these gains.
+        motor_side: source of the tuner's data; None: the command of the law and the measured force.
     """
     builder.AddNamedSystem("law", law)
     builder.AddNamedSystem("tuner", tuner)
@@ -49,7 +50,7 @@ def add_tuned_law(
 
 
 class AdaptiveVrft(Around):
-    """A force law with the gains that recursive VRFT finds meanwhile.
+    """A force law whose gains are tuned by recursive VRFT while it regulates.
 
     ```
     name: AdaptiveVrft
@@ -65,8 +66,8 @@ class AdaptiveVrft(Around):
     Sampling: every `period` [s]; no delay from measured_force to displacement_command; gains are one tick old.
 
     Args:
-        law: with gains from ports.
-        tuner: with `always`.
+        law: with input ports for its gains.
+        tuner: made with `always=True`.
     """
 
     def __init__(self, law: LinearForceLaw, tuner: RecursiveVrft):
@@ -78,24 +79,39 @@ class AdaptiveVrft(Around):
 
 @dataclass(kw_only=True)
 class AdaptiveVrftConfig(VrftConfig, in_batches=True):
-    """Scenario part `!AdaptiveVrft`: a law tuned by VRFT that tunes itself anew while it regulates.
+    """Scenario part `!AdaptiveVrft`: a law tuned by VRFT whose gains are re-tuned while it regulates.
 
     It starts with the gains of `!Vrft`.
     """
 
-    forgetting: float = key(0.995, "forgetting factor per sample", bounds="from 0.9 to 1", each=True)
-    initial_covariance: float = key(
-        1e-9, "P_0, also the largest: how far gains may move at first", bounds="positive", each=True
+    forgetting: float = key(
+        0.995, "forgetting factor per sample of the tuning; 1: nothing is forgotten", bounds="from 0.9 to 1", each=True
     )
-    minimum_force: float = key(8.0, "force below which nothing is learnt", unit="N", bounds="not negative", each=True)
+    initial_covariance: float = key(
+        1e-9,
+        "initial covariance P_0 of the gains, also its upper bound: how far they may change at first",
+        bounds="positive",
+        each=True,
+    )
+    minimum_force: float = key(
+        8.0, "measured force below which the gains are not adapted", unit="N", bounds="not negative", each=True
+    )
     minimum_rate: float = key(
-        1.0, "rate of the force below which nothing is learnt", unit="N/s", bounds="not negative", each=True
+        1.0,
+        "rate of the measured force below which gains are not adapted",
+        unit="N/s",
+        bounds="not negative",
+        each=True,
     )
     gain_range: float = key(
-        10.0, "K_P and K_I stay within this factor of where they start", bounds="at least 1", each=True
+        10.0, "largest factor between K_P or K_I and its initial value, either way", bounds="at least 1", each=True
     )
     data_resolution: float = key(
-        0.0039, "the force is rounded to this for the tuning", unit="N", bounds="not negative", each=True
+        0.0039,
+        "resolution to which the measured force is rounded for the tuning; 0: no rounding",
+        unit="N",
+        bounds="not negative",
+        each=True,
     )
 
     def __post_init__(self) -> None:

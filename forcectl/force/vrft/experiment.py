@@ -1,9 +1,9 @@
-"""The experiment of Sec. 4.5 in the slot of a force law: excite and tune, then regulate with what was tuned.
+"""The experiment of Sec. 4.5 in the slot of a force law: excite and tune, then regulate with the gains found.
 
-Step 1, `EXCITE`     dx_bar = u_hat - C_R_hat F, u_hat an excitation; the gains are tuned meanwhile   (4.12), (4.19)
-Step 2, `REGULATE`   u_hat = C_rho (F_bar - F) with the gains found, without a jump of the command         (4.13)
+Step 1, `EXCITE`     dx_bar = u_hat - C_R_hat F, u_hat an excitation; the gains are tuned   (4.12), (4.19)
+Step 2, `REGULATE`   u_hat = C_rho (F_bar - F) with the gains found, without a jump of the command  (4.13)
 
-The gains are learnt from the command, or from what the motors made of it, see `forcectl.tuning.motor_positions`.
+The gains are tuned on the command or on the motor positions, see `forcectl.tuning.motor_positions`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _MEMORY = ("mode", "excitation", "since", *(f"{name}_then" for name in GAINS[:2]
 
 
 class ExperimentSequencer(SampledBatch):
-    """Decides for n loops when Step 1 is over: at a time, or at rest once the gains have converged.
+    """Switches n loops from Step 1 to Step 2: at a given time, or at rest once the gains have converged.
 
     ```
     name: ExperimentSequencer
@@ -44,8 +44,9 @@ class ExperimentSequencer(SampledBatch):
     excitation: shape (n,) [m]. proportional_gain, integral_gain: shape (n,), as tuned so far [m/N, m/(N s)].
     mode: shape (n,), `EXCITE` (0), then `REGULATE` (1) for good [1]. State, no direct feedthrough.
 
-    Parameters (Context, shape (n,)): hand_over_time [s] >= 0, infinite: not at a time; window [s] > 0 during which both
-    gains have changed by less than tolerance [1] >= 0 of their value, infinite: not by convergence.
+    Parameters (Context, shape (n,)): hand_over_time [s] >= 0, infinite: no hand-over at a time; window [s] > 0, time in
+    which both gains must have changed by less than tolerance [1] >= 0 of their value, infinite: no hand-over by
+    convergence.
 
     There is no hand-over with gains that cannot regulate: the integral gain must be finite and below zero.
 
@@ -103,7 +104,7 @@ class VrftExperiment(Around):
     ```
 
     desired_force, measured_force: shape (n,) [N].
-    motor_displacement: shape (n,), actual motor-side dx along n [m]; of one that learns from the motors.
+    motor_displacement: shape (n,), actual motor-side dx along n [m]; the port exists with `motor_side`.
     displacement_command: shape (n,) [m].
     controller_output: shape (n,), u_hat [m].
     proportional_gain, integral_gain, derivative_gain: shape (n,), as tuned so far [m/N, m/(N s), m s/N]. State.
@@ -113,9 +114,9 @@ class VrftExperiment(Around):
     Sampling: every `period` [s]; no delay from measured_force to displacement_command.
 
     Args:
-        compliance: C_E [m/N], shape (n,), that the excitation is scaled by.
-        law: with `open_loop` and gains from ports.
-        motor_side: what the tuner learns from instead of the command; None: the command.
+        compliance: C_E [m/N], shape (n,), by which the excitation is scaled.
+        law: with `open_loop` and input ports for its gains.
+        motor_side: source of the tuner's data instead of the command; None: the command.
     """
 
     def __init__(
@@ -147,27 +148,63 @@ class VrftExperiment(Around):
 class RecursiveVrftConfig(Config):
     """Scenario part `!RecursiveVrft`: excite and tune, then regulate. (Sec. 4.5.2)
 
-    Let the reference step after the hand-over: the command does not jump at the hand-over, whatever the error, so a
-    reference that waits there is approached by the integral only.
+    The reference should step after the hand-over, not before it. The command does not jump at the hand-over, whatever
+    the force error; an error that exists then is reduced by the integral part only.
     """
 
-    excitation: Any = slot("excitation", TrapezoidalMovesConfig, meaning="open-loop displacement to learn from")
-    input: str = key("command", "what the gains are learnt from: motor positions are without friction", choices=INPUTS)
-    drive: DriveFilter = key(DriveFilter, "of the joint references as it is known, for `input: motor`")
-    reference_bandwidth: float = key(1.5, "w_c of the reference model", unit="rad/s", bounds="positive")
-    prefilter: bool = key(True, "false: as in Sec. 4.5")
-    initial_covariance: float = key(100.0, "initial covariance P_0", bounds="above 0 and at most 1e12")
-    forgetting: float = key(1.0, "forgetting factor per sample", bounds="from 0.9 to 1")
-    data_resolution: float = key(0.0, "the force is rounded to this for the tuning", unit="N", bounds="not negative")
-    hand_over_time: float | None = key(None, "null: when the excitation is over", unit="s", bounds="not negative")
-    convergence_window: float | None = key(
-        None, "hand over earlier, when the gains have not changed for so long; null: never", unit="s", bounds="positive"
+    excitation: Any = slot(
+        "excitation", TrapezoidalMovesConfig, meaning="open-loop displacement during which the gains are tuned"
     )
-    convergence_tolerance: float = key(0.01, "share by which the gains may change then", bounds="not negative")
-    derivative_filter: float = key(0.0, "T_D; 0: the derivative of (4.20)", unit="s", bounds="from 0 to 100")
-    robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="from 0 to 1000")
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001")
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10")
+    input: str = key(
+        "command",
+        "displacement that the gains are tuned on: the command, or motor positions, which leave friction out",
+        choices=INPUTS,
+    )
+    drive: DriveFilter = key(DriveFilter, "nominal filter and delay of the joint references, for `input: motor`")
+    reference_bandwidth: float = key(1.5, "bandwidth w_c of the reference model", unit="rad/s", bounds="positive")
+    prefilter: bool = key(True, "whether the tuning data pass the prefilter L = M (1 - M); false: as in Sec. 4.5")
+    initial_covariance: float = key(
+        100.0, "initial covariance P_0 of the gains in the tuning", bounds="above 0 and at most 1e12"
+    )
+    forgetting: float = key(
+        1.0, "forgetting factor per sample of the tuning; 1: nothing is forgotten", bounds="from 0.9 to 1"
+    )
+    data_resolution: float = key(
+        0.0,
+        "resolution to which the measured force is rounded for the tuning; 0: no rounding",
+        unit="N",
+        bounds="not negative",
+    )
+    hand_over_time: float | None = key(
+        None,
+        "time at which excitation ends and regulation begins; null: end of the excitation",
+        unit="s",
+        bounds="not negative",
+    )
+    convergence_window: float | None = key(
+        None,
+        "time without a change of the gains after which regulation begins earlier; null: never earlier",
+        unit="s",
+        bounds="positive",
+    )
+    convergence_tolerance: float = key(
+        0.01, "largest relative change of the gains that counts as none for convergence_window", bounds="not negative"
+    )
+    derivative_filter: float = key(
+        0.0,
+        "time constant T_D of the derivative's filter; 0: no filter, as in (4.20)",
+        unit="s",
+        bounds="from 0 to 100",
+    )
+    robot_compliance_error: float = key(
+        1.0, "assumed compliance of the robot over the true one, C_R_hat / C_R", bounds="from 0 to 1000"
+    )
+    lower_limit: float = key(
+        -0.1, "lower limit of the displacement command, into the surface", unit="m", bounds="from -10 to -0.000001"
+    )
+    upper_limit: float = key(
+        0.1, "upper limit of the displacement command, off the surface", unit="m", bounds="from 0.000001 to 10"
+    )
 
     finds_gains: ClassVar[tuple[str, ...]] = GAINS
 
@@ -181,10 +218,10 @@ class RecursiveVrftConfig(Config):
         return self.reference_bandwidth
 
     def gain_scale(self, bandwidth: float) -> float:
-        """What the gains are multiplied by for a reference model of another bandwidth.
+        """The factor on the gains for a reference model of another bandwidth.
 
-        Without a prefilter the virtual error (M^-1 - 1) y goes with 1/w_c, so the gains go with w_c, but for what P_0
-        holds back (1e-5 of them in a record of 19 s).
+        Without a prefilter the virtual error (M^-1 - 1) y is proportional to 1/w_c, so the gains are proportional to
+        w_c, but for the effect of P_0 (1e-5 of them in a record of 19 s).
 
         Args:
             bandwidth: of that model [rad/s].
@@ -198,7 +235,7 @@ class RecursiveVrftConfig(Config):
         return bandwidth / self.reference_bandwidth
 
     def _check_excitation(self, excitation: ExcitationConfig, model: PlantModel) -> None:
-        """BadInputError unless the law can press as deep as it is asked to, and learns before it takes over."""
+        """BadInputError unless the deepest excitation is within the limits and the first move before the hand-over."""
         deepest = excitation.deepest(model.environment_compliance)
         if deepest < self.lower_limit:
             raise invalid("lower_limit", self.lower_limit, f"at most {deepest:.4g} m, the deepest of the excitation")

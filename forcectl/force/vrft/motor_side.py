@@ -15,7 +15,7 @@ from forcectl.tuning.motor_positions import DriveFilter
 
 
 class MotorSideRecord(PythonDiagram):
-    """Input and output of n experiments without what friction did: x_m + C_R_hat (h y) and h y.
+    """Input and output of n experiments with the effect of friction left out: x_m + C_R_hat (h y) and h y.
 
     ```
     name: MotorSideRecord
@@ -28,12 +28,12 @@ class MotorSideRecord(PythonDiagram):
     input: shape (n,) [m]. Feedthrough of motor_displacement.
     output: shape (n,), h y [N]. State, no direct feedthrough.
 
-    Sampling: every `period` [s]; the delay of h is that of the position loop on purpose.
+    Sampling: every `period` [s]; h has the delay of the position loop on purpose.
 
     Args:
         size: n.
         robot_compliance: C_R_hat of (4.12), a number or shape (n,) [m/N].
-        drive: h.
+        drive: h, the nominal filter of the joint references.
         period: tick [s].
     """
 

@@ -2,8 +2,9 @@
 
     K_I = -w_c C_E,    K_P = -w_c T (C_R_hat + C_E),    K_D/K_P as it is                       (equations 3.2; 4.1, 4.2)
 
-is what VRFT finds on any material: T is the lag of the loop, the same on all of them. So only C_E has to be estimated.
-w_c and the gains that VRFT has found on one material tell its C_E and T. New gains make the command bend, not jump.
+are the gains that VRFT finds on any material; T is the lag of the loop, the same on all of them. So only C_E has to be
+estimated. C_E of one material and T follow from w_c and the gains that VRFT has found on that material. When the gains
+change, the slope of the command changes, and the command does not jump.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from forcectl.plant.plant_model import PlantModel
 
 
 class ScaledVrft(Around):
-    """A force law with gains in proportion to the compliance that is estimated meanwhile.
+    """A force law whose gains follow the compliance of the environment, which is estimated while it regulates.
 
     ```
     name: ScaledVrft
@@ -36,16 +37,16 @@ class ScaledVrft(Around):
     desired_force, measured_force: shape (n,) [N].
     motor_displacement: shape (n,), actual motor-side dx along n [m], unfiltered: the block filters it like the force.
     displacement_command: shape (n,) [m]. controller_output: shape (n,), u_hat [m].
-    environment_compliance: shape (n,), C_E_hat [m/N]. State. learning: shape (n,), 1 while samples count [1]. State.
+    environment_compliance: shape (n,), C_E_hat [m/N]. State. learning: shape (n,), 1 while samples are used [1]. State.
     proportional_gain, integral_gain, derivative_gain: shape (n,) [m/N, m/(N s), m s/N]. State.
     All outputs are feedthrough of desired_force and measured_force at the tick.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, gains are one tick old.
 
     Args:
-        law: with gains from ports.
-        estimator: of the compliance.
-        displacement_filter: of the displacement, that of the force.
+        law: with input ports for its gains.
+        estimator: of the environment's compliance.
+        displacement_filter: filter of the displacement, the same as that of the force.
         slopes: of K_P, K_I and K_D over C_E.
         offsets: their values at C_E = 0; each of shape (3, n).
     """
@@ -86,22 +87,40 @@ class ScaledVrft(Around):
 class ScaledVrftConfig(VrftConfig):
     """Scenario part `!ScaledVrft`: a law tuned by VRFT whose gains follow the compliance that is estimated on line.
 
-    It starts with the gains of `!Vrft`; the rest as in `ExcitedCompliance`.
+    It starts with the gains of `!Vrft`. The keys of the estimate are parameters of `ExcitedCompliance`.
     """
 
     drift_bandwidth: float = key(
-        3.0, "w_h: slower changes of height and compliance of the robot drop out", unit="rad/s", bounds="positive"
+        3.0,
+        "cut-off w_h of the high-pass that removes slow changes of surface height and robot compliance",
+        unit="rad/s",
+        bounds="positive",
     )
     surface_deviation: float = key(
-        1e-5, "what the surface adds within 1/w_h; more makes learning slower", unit="m", bounds="positive"
+        1e-5,
+        "standard deviation of the displacement by the surface within 1/w_h; larger: slower adaptation",
+        unit="m",
+        bounds="positive",
     )
-    memory: float = key(3.0, "memory T of the estimate", unit="s", bounds="positive")
+    memory: float = key(
+        3.0,
+        "time constant T with which the covariance of the compliance estimate returns to its initial value",
+        unit="s",
+        bounds="positive",
+    )
     minimum_excitation: float = key(
-        0.2, "response of the reference model below which nothing is learnt", unit="N", bounds="not negative"
+        0.2,
+        "high-pass filtered response of the reference model below which the compliance is not adapted",
+        unit="N",
+        bounds="not negative",
     )
-    minimum_force: float = key(2.0, "force below which nothing is learnt", unit="N", bounds="not negative")
-    gain_range: float = key(10.0, "C_E stays within this factor of where it starts", bounds="at least 1")
-    gain_rate: float = key(3.0, "largest relative change of C_E", unit="1/s", bounds="positive")
+    minimum_force: float = key(
+        2.0, "measured force below which the compliance is not adapted", unit="N", bounds="not negative"
+    )
+    gain_range: float = key(
+        10.0, "largest factor between the estimated C_E and its initial value, either way", bounds="at least 1"
+    )
+    gain_rate: float = key(3.0, "largest relative rate of change of the estimated C_E", unit="1/s", bounds="positive")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -111,7 +130,7 @@ class ScaledVrftConfig(VrftConfig):
         """Add the law with its estimator."""
         robot, w = self.robot_compliance_error * model.robot_compliance, self.reference_bandwidth
         first = -self.integral_gain / w
-        # Slopes with C_E for the K_P and K_D that are given where C_E is the first.
+        # Slopes over C_E with which the given K_P and K_D result at the initial C_E.
         lag = self.proportional_gain / (robot + first)
         damping = self.derivative_gain / (robot + first)
         estimator = ExcitedCompliance(
