@@ -2,13 +2,13 @@
 
     q_bar = q + s J(q)^-1 n d,    x_a <- x_a + n'(p(q_bar) - p(q)),    0 <= s <= 1
 
-with q what the controller commands without the step, and d what the move makes in the tick. s is the largest with which
-no joint exceeds its speed limit together with the controller, or half of that, a quarter, ..., until no constraint and
-no position limit of a joint asks the controller to brake, or to brake harder, than it does without the step.
+q is the command of the controller without the step, and d the displacement of the move in this tick. s is the largest
+share with which no joint exceeds its speed limit, the controller's own motion included. It is halved until no
+constraint and no position limit of a joint demands braking, or harder braking, that it does not without the step.
 
-So a move ends in front of a wall or a limit: it stays there, and comes to its time-out. What is cut off a step into the
-surface is dropped; what is cut off one out of it is made up for in the ticks after. Steps have no limit of
-acceleration, and limits of the tool's speed (`SpeedLimit`) are for the controller's own motion.
+So a move stops in front of a wall or a limit and stays there until its time-out. The part cut off a step into the
+surface is dropped; the part cut off a step out of it is made up for in the following ticks. Steps have no acceleration
+limit, and limits of the tool's speed (`SpeedLimit`) apply to the controller's own motion only.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from forcectl.robot.robot_motion import ContactMotion, RobotMotion
 from forcectl.tasks.constraints.base import ConstraintSet, Rows
 
 _HALVINGS = 8
-_SLIGHT = 1e-9  # [m, rad] by which a step along a constraint may leave it: the posture changes within the step
+_SLIGHT = 1e-9  # [m, rad] tolerance: a step along a constraint leaves it a little, as the posture changes within it
 
 
-# What the steps remember: what the move asked for at the last tick, what is left of its steps out of the surface, and
-# the x_a that the command holds [m].
+# Memory of the steps: x_a of the move at the last tick, what is still to be made up for of its steps out of the
+# surface, and the x_a that the command contains [m].
 AT_REST = {"approach_asked": 0.0, "approach_left": 0.0, "approach_displacement": 0.0}
 
 
@@ -41,7 +41,7 @@ class ApproachSteps:
     Args:
         model: of the plant, with a robot and one normal.
         constraints: of the controller, joint limits included.
-        speed: limits of the joints, (n,) [rad/s].
+        speed: speed limits of the joints, (n,) [rad/s].
         period: tick Ts [s].
     """
 
@@ -58,12 +58,12 @@ class ApproachSteps:
         memory: Memory,
         new: Memory,
     ) -> dict[str, Any]:
-        """What a step changes of the memory after a tick.
+        """The entries of the memory after a tick that a step changes.
 
         Args:
-            motion_at: the motion at joint positions and speeds, (n,) [rad, rad/s]; it may overwrite what the one before
-                works with.
-            contact: of the controller: the move is no part of its displacement.
+            motion_at: gives the motion at joint positions and speeds, (n,) [rad, rad/s]; a call may overwrite the
+                scratch data of the motion before.
+            contact: of the controller; its displacement does not contain the move.
             asked: displacement x_a of the move [m].
             memory: of the tick before.
             new: of the controller after the tick, without the step.
@@ -92,13 +92,13 @@ class ApproachSteps:
         }
 
     def _within_speeds(self, moves: Vector, step: Vector) -> float:
-        """The share of a step, from 0 to 1, that no joint is too fast with, beside what it `moves` anyway."""
+        """The largest share of a step, 0 to 1, with which no joint exceeds its speed limit, on top of its `moves`."""
         room = np.maximum(self._largest - np.sign(step) * moves, 0.0)
         turns = np.abs(step) > 0.0
         return min(1.0, smallest(room[turns] / np.abs(step[turns]))) if turns.any() else 0.0
 
     def _admitted(self, without: Rows, with_it: Rows) -> bool:
-        """Whether a step asks for no braking that is not asked for without it."""
+        """Whether a step demands no braking beyond that without it."""
         if not with_it.violation <= max(without.violation, 0.0) + _SLIGHT:
             return False
         least = np.minimum(_allowed(without) - self._slight, 0.0)
@@ -106,6 +106,6 @@ class ApproachSteps:
 
 
 def _allowed(rows: Rows) -> Vector:
-    """The largest y'' of every constraint of relative degree 2, and u of every joint either way."""
+    """The largest y'' that each constraint of relative degree 2 allows, and u of each joint in both directions."""
     second = len(rows.limit) - len(rows.bias)
     return np.concatenate([rows.limit[second:] + rows.bias, rows.upper, -rows.lower])

@@ -58,10 +58,10 @@ from forcectl.tasks.constraints.base import Constraint, ConstraintSet, ForceLimi
 METRICS = ("task", "joint")
 _SLACK_WEIGHT = 1e6  # of regulated outputs: what slack costs beside the objective
 _FORCE_FIRST = 100.0  # times that for the force: it gives way after the others
-_CONTACT_FORCE = 0.5  # [N] contact is there above, and lost below half of it
-_ROUNDING = 1e-12  # violations below are none
+_CONTACT_FORCE = 0.5  # [N] contact begins above this measured force, and is lost below half of it
+_ROUNDING = 1e-12  # smaller violations are reported as 0
 
-# What is put out besides the command, with units.
+# Outputs besides the command, with units.
 _DIAGNOSTICS = {
     "displacement_command": "m",
     "invariance_function": "m",
@@ -75,7 +75,7 @@ _DIAGNOSTICS = {
 
 
 class InvarianceTick(NamedTuple):
-    """A tick up to its program."""
+    """The quantities of one tick, up to its quadratic program."""
 
     motion: RobotMotion  # the commanded motion
     rows: Rows  # of the constraints
@@ -91,7 +91,7 @@ class InvarianceTick(NamedTuple):
 
 
 class InvarianceController(SampledBlock):
-    """Invariance controller of a robot.
+    """Invariance force controller of a robot: solves a quadratic program in joint accelerations. (3.53)*
 
     ```
     name: InvarianceController
@@ -101,23 +101,25 @@ class InvarianceController(SampledBlock):
     constraint_violation, near_singular, contact_lost, approach_displacement (optional)]
     ```
 
-    desired_force: shape (1,) [N]. measured_force: shape (1,) [N], read by the maximum force and the nominal law.
-    motor_position, motor_velocity: shape (n_q,) [rad, rad/s]; read only by a maximum force with a known sensor,
-    otherwise the command is taken for the motion.
+    desired_force: shape (1,) [N]. measured_force: shape (1,) [N], for the maximum force, nominal law and contact_lost.
+    motor_position, motor_velocity: shape (n_q,) [rad, rad/s]; the position is used with a maximum force and a `sensor`
+    only, otherwise the command is taken for the motion. The velocity is not used.
     unconstrained_reference: shape (n_q,), joint motion in the unconstrained directions from the start posture [rad].
     compliance: shape (1,), C_T_hat [m/N]; the port exists when no `compliance` is given.
-    approach_displacement: shape (1,), x_a [m]: as input that of a guarded move, as output what of it the command holds,
-    see `ApproachSteps`; the ports exist when it is `approached`.
-    joint_position_command: shape (n_q,), q_bar [rad]; its speed changes within the acceleration limits, always, but for
-    the steps of a guarded move.
-    displacement_command: shape (1,), the part dx_bar of it along n, the move included [m].
+    approach_displacement: shape (1,), x_a [m]: as input that of a guarded move, as output the part of it that the
+    command contains, see `ApproachSteps`; the ports exist with `approached`.
+    joint_position_command: shape (n_q,), q_bar [rad]; its acceleration is always within the limits, except in the steps
+    of a guarded move.
+    displacement_command: shape (1,), its displacement dx_bar along n, the guarded move included [m].
     invariance_function: shape (1,), Phi(y, y') [m] before the tick: above zero while y <= 0 cannot be kept with gamma.
-    status: shape (1,), `Status` [1]; from INFEASIBLE on the joints brake and hold.
-    active_constraints: shape (1,), rows and bounds that hold with equality [1]. slack: shape (1,) [m/s^2].
-    constraint_violation: shape (1,), largest violation among maximum force as foreseen [m], joint limits [rad, rad/s],
-    torques [Nm] and the constraints [their units] before the tick; 0 for none. A step of the desired force is none.
-    near_singular: shape (1,), 1 while the inverse is damped [1].
-    contact_lost: shape (1,), 1 while the force is gone though the command presses; it goes no deeper than before [1].
+    status: shape (1,), `Status` [1]; with INFEASIBLE and higher numbers the joints brake and hold.
+    active_constraints: shape (1,), number of rows and bounds that hold with equality [1].
+    slack: shape (1,), largest excess of a row of a regulated output [m/s^2].
+    constraint_violation: shape (1,), largest violation among maximum force as predicted [m], joint limits [rad, rad/s],
+    torques [Nm] and the constraints [their units] before the tick; 0: none. A step of the desired force is no
+    violation.
+    near_singular: shape (1,), 1 while the inverse of J is damped [1].
+    contact_lost: shape (1,), 1 while the force has vanished although the command presses; it goes no deeper then [1].
 
     All outputs are feedthrough of desired_force, measured_force, unconstrained_reference, compliance and
     approach_displacement at the tick. All outputs are feedthrough of motor_position when it is read.
@@ -127,22 +129,22 @@ class InvarianceController(SampledBlock):
     Args:
         model: of the plant, with a robot.
         compliance: C_T_hat [m/N] > 0, or None for the input port.
-        gamma: of the force [m/s^2], < 0.
-        upper_acceleration: largest away from rest [m/s^2], > 0; None: -gamma.
-        maximum_force: [N], > 0, of the true force, within the bounds of `ForceLimit`.
-        nominal_gain: K_I [1/s] of the law to be corrected; None: that of (3.53).
-        metric: in which a correction of the nominal law is small, see `Objective`: "task" or "joint" accelerations.
+        gamma: braking acceleration of y towards the desired force [m/s^2], < 0.
+        upper_acceleration: largest acceleration when speeding up [m/s^2], > 0; None: -gamma.
+        maximum_force: limit of the true force [N], > 0, kept to the accuracy that `ForceLimit` states.
+        nominal_gain: K_I [1/s] of an integral law that is corrected; None: the law of (3.53).
+        metric: in which the correction of the nominal law is minimal, see `Objective`: "task" or "joint" accelerations.
         limits: of the joints; None: the robot's.
         constraints: further ones.
-        constraint_gamma: of those without their own [m/s^2], < 0.
-        outputs: regulated beside the force.
+        constraint_gamma: gamma of the constraints without their own [m/s^2], < 0.
+        outputs: further outputs, regulated beside the force.
         tracking_bandwidth: of the unconstrained directions [1/s], see `Tracking`.
-        tracking_acceleration: the same [m/s^2].
-        sensor: its filter and delay; None: the measured force does not lag.
+        tracking_acceleration: largest acceleration there [m/s^2].
+        sensor: filter and delay of the force sensor; None: the measured force has no lag.
         period: tick [s].
         solver: of the program: its name, or the solver.
-        approached: whether a guarded move brings the tool to the surface, and back; the force law is in displacements
-            without it, walls and joint limits are not.
+        approached: whether a guarded move brings the tool to the surface and back; the displacement of the force law
+            does not contain the move, that of walls and joint limits does.
 
     Raises:
         BadInputError: values out of range, or that contradict each other or the start posture.
@@ -199,7 +201,7 @@ class InvarianceController(SampledBlock):
         self._approach = ApproachSteps(model, self._constraints, limits.velocity, period) if approached else None
 
         self._outputs = tuple(outputs)
-        # Along -n, under the forces of other surfaces.
+        # Displacement of the robot along -n under the forces of other surfaces.
         self._given_way = sum(output.coupling * output.force for output in self._outputs)
         self._axes = np.vstack([np.append(np.zeros(3), model.n), *(output.row for output in outputs)])
         if not np.allclose(self._axes @ self._axes.T, np.eye(len(self._axes)), atol=1e-6):
@@ -250,7 +252,7 @@ class InvarianceController(SampledBlock):
             "reference_state": np.zeros(len(ReferenceState._fields)),
             "touched": 0.0,
             "in_sensor": np.zeros(self._seen_size),
-            # The rates that the tick led to as far as it knew.
+            # The rates after the tick, as the tick predicted them.
             "foreseen_outputs": np.zeros(len(self._axes)),
             "foreseen_rows": np.zeros(self._constraints.foreseen_size),
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
@@ -266,7 +268,7 @@ class InvarianceController(SampledBlock):
         """The quadratic program of the last tick, with all its rows; variables, rows and costs have names.
 
         Its solution is u [rad/s^2], followed by the slacks of the regulated outputs when these had to give way. A step
-        of a guarded move comes behind it, see `ApproachSteps`. It belongs to the context; the next look fills it anew.
+        of a guarded move is added after it, see `ApproachSteps`. It belongs to the context; the next call refills it.
 
         Args:
             context: of this block.
@@ -337,13 +339,13 @@ class InvarianceController(SampledBlock):
         return new
 
     def _tick(self, context: Context, start: TickStart) -> InvarianceTick:
-        """A tick up to its program."""
+        """One tick, up to its quadratic program."""
         Ts, (memory, inputs) = self._period, start
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
         desired, measured = inputs["desired_force"].item(), inputs["measured_force"].item()
         compliance = self._known_compliance if self._compliance is None else inputs["compliance"].item()
         good = math.isfinite(desired + measured) and 0.0 < compliance < math.inf
-        if not good:  # no number then that depends on it
+        if not good:  # NaN goes on to all that depends on it
             measured = compliance = math.nan
         first, now, last = memory["time"] < 0.0, inputs["unconstrained_reference"], memory["last_reference"]
         if first:
@@ -380,7 +382,7 @@ class InvarianceController(SampledBlock):
         outputs = [force]
         for output, xi, vi in zip(self._outputs, x[1:], rates[1:], strict=True):
             outputs.append(output.regulate(xi, vi, desired, Ts))
-        # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
+        # The reference of q[k] is that of one tick ago; with the present one, its differences are central.
         before = now if first else memory["reference_before"]
         speed, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2
         path = self._tip_pose(context, self._model.start + last)

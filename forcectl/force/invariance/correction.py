@@ -7,7 +7,7 @@ nominal control is the acceleration after which the corrected command moves as f
 
     u_nom = ((dx_nom[k] - dx_nom[k-1])/Ts - v[k])/Ts
 
-so only the changes of the nominal command count: where the correction has left it behind, there is nothing to catch up.
+So only changes of the nominal command count: a distance that the correction has left between the two is not made up.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class InvarianceCorrection(InvarianceForceLaw):
     parameters: [gamma, upper_acceleration, speed_limit, lower_limit, upper_limit, compliance (optional)]
     ```
 
-    nominal_command: shape (n,), displacement command of the nominal law [m]; its changes count, from 0 on.
+    nominal_command: shape (n,), displacement command of the nominal law [m]; only its changes count, beginning at 0.
     All outputs are feedthrough of all inputs at the tick.
 
     The other ports and parameters are those of `InvarianceForceLaw`, as are moving references and the safe behaviour;
@@ -91,9 +91,9 @@ class InvarianceControl(PythonDiagram):
     Sampling: every `period` [s] of the laws; no delay from measured_force to displacement_command.
 
     Args:
-        nominal: any force law with the ports of its slot. Only changes of its command count; a limit of its own that it
-            runs into while it is corrected would end them.
-        correction: takes its command.
+        nominal: any force law with the ports of its slot. Only changes of its command count, so it should have no
+            limits of its own: at a limit its command would no longer change.
+        correction: of its command.
     """
 
     port_units = {"invariance_function": "m"}
@@ -118,21 +118,23 @@ class InvarianceControl(PythonDiagram):
 
 @dataclass(kw_only=True)
 class InvarianceControlConfig(InvarianceLimits):
-    """Scenario part `!InvarianceControl`."""
+    """Scenario part `!InvarianceControl`: a force law whose command is corrected so that F does not pass F_bar."""
 
     nominal: Any = slot(
         "controller",
         lambda: IntegralConfig(integral_gain=3.0),
-        meaning="law to be corrected; the limits of the command of an integral law are not used",
+        meaning="force law that is corrected; the limits of the command of an integral law are not used",
     )
-    upper_acceleration: float | None = key(10.0, "of the control; null: -gamma", unit="m/s^2", bounds="positive")
+    upper_acceleration: float | None = key(
+        10.0, "largest acceleration of the displacement command; null: -gamma", unit="m/s^2", bounds="positive"
+    )
 
     def reference_model_bandwidth(self) -> float | None:
-        """That of the nominal law [rad/s]; None when it does not tell."""
+        """Bandwidth of the nominal law [rad/s]; None when the law does not state it."""
         return model_bandwidth(self.nominal)
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> InvarianceControl:
-        """The nominal law and its correction, whose model has this total compliance [m/N] or a port for it."""
+        """The nominal law and its correction, which has this total compliance C_T_hat [m/N] or a port for it (None)."""
         correction = self.block(InvarianceCorrection, model, compliance)
         unlimited = getattr(self.nominal, "unlimited_law", None)
         if unlimited is not None:
@@ -152,5 +154,8 @@ class AdaptiveInvarianceControlConfig(AdaptivePlanConfig, InvarianceControlConfi
     """Scenario part `!AdaptiveInvarianceControl`: `!InvarianceControl`, compliance estimated on line. (3.56)"""
 
     compliance_error: float = key(
-        0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="from 0.001 to 1000"
+        0.8,
+        "initial estimate of the environment's compliance over its true value, C_E_hat / C_E; "
+        "1/1.2: stiffness 20 % too high",
+        bounds="from 0.001 to 1000",
     )

@@ -6,7 +6,7 @@ The control is the acceleration of the displacement command, integrated twice, e
 
     dx_bar[k+1] = dx_bar[k] + Ts v[k] + Ts^2 u/2,    v[k+1] = v[k] + Ts u
 
-The law infers the force through C_T_hat only: with a wrong one it ends at F = (C_T_hat/C_T) F_bar (3.55).
+The force enters through C_T_hat only: with a wrong C_T_hat the steady state is F = (C_T_hat/C_T) F_bar (3.55).
 """
 
 from __future__ import annotations
@@ -71,20 +71,20 @@ def fall(
     period: float,
     m: Any = np,
 ) -> tuple[BatchValue, BatchValue, BatchValue, BatchValue]:
-    """How fast a falling reference moves the set point, and how much faster it gets.
+    """Speed and acceleration of the set point under a falling reference.
 
-    As far as two differences in a row agree on it: at jumps and corners they do not.
+    The smaller of two successive differences is taken, so that jumps and corners of the reference do not count.
 
     Args:
         desired, last: F_bar now and a tick ago [N].
-        last_slope, last_bend: differences a tick ago [N/s, N/s^2].
+        last_slope, last_bend: first and second difference a tick ago [N/s, N/s^2].
         compliance: C_T_hat [m/N].
         opposite: -gamma [m/s^2].
         period: tick [s].
         m: numpy, or `SCALAR_MATH` for floats.
 
     Returns:
-        slope and bend, the differences now; speed [m/s] and acceleration [m/s^2] of the set point, both >= 0.
+        slope and bend, the present differences; speed [m/s] and acceleration [m/s^2] of the set point, both >= 0.
     """
     slope = (desired - last) / period
     bend = (slope - last_slope) / period
@@ -102,7 +102,7 @@ class InvarianceForceLaw(ForceLaw):
     parameters: [gamma, upper_acceleration, speed_limit, lower_limit, upper_limit, compliance (optional)]
     ```
 
-    desired_force, measured_force: shape (n,) [N]; of the measured one only that it is a number.
+    desired_force, measured_force: shape (n,) [N]; the measured force is only checked to be finite.
     compliance: shape (n,), C_T_hat [m/N], > 0; the port exists when no `compliance` is given, else it is a parameter.
     displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
     invariance_function: shape (n,), Phi(y, y') [m] of the state before the tick; above zero while the constraint cannot
@@ -110,28 +110,28 @@ class InvarianceForceLaw(ForceLaw):
     status: shape (n,), 0, or `Status.NOT_FINITE` while the command brakes and holds [1].
     All outputs are feedthrough of all inputs at the tick.
 
-    Parameters (Context, shape (n,)): gamma [m/s^2] < 0, the deceleration towards the constraint; upper_acceleration
-    [m/s^2] > 0, the largest away from rest; speed_limit [m/s] > 0 of the command; lower_limit and upper_limit [m] of
-    the command; compliance C_T_hat [m/N] > 0.
+    Parameters (Context, shape (n,)): gamma [m/s^2] < 0, the braking acceleration towards the constraint;
+    upper_acceleration [m/s^2] > 0, the largest when speeding up; speed_limit [m/s] > 0 of the command; lower_limit and
+    upper_limit [m] of the command; compliance C_T_hat [m/N] > 0.
 
     A desired force below the present one is reached in the same manner from the other side. The set point may move at
     any time, also by a changing estimate of the compliance: position and velocity of the command stay continuous.
 
     A rising reference is followed at the distance the command needs to stop, so that F never passes F_bar. A falling
-    one is followed with its speed and its acceleration, by differences. If it begins to fall at r [N/s] all at once, F
-    exceeds it by at most C_T r^2/(2 upper_acceleration) + 2 Ts r; where it stops all at once, F falls short by at most
-    C_T r^2/(-2 gamma). A single jump is a step, not a speed.
+    one is followed with its speed and its acceleration, by differences. If it suddenly begins to fall at r [N/s], F
+    exceeds it by at most C_T r^2/(2 upper_acceleration) + 2 Ts r; if it suddenly stops, F falls short by at most
+    C_T r^2/(-2 gamma). A single jump counts as a step, not as a speed.
 
     A desired force, measured force or compliance that is not finite (or a compliance not above zero) brakes the command
-    within gamma and holds it there. Lost contact does not show in the inputs of the law: the command stays at its set
-    point, and so does the force when contact is back.
+    within gamma and holds it there. A loss of contact has no effect on the law: the command stays at its set point, and
+    the force returns to it when contact is back.
 
     Sampling: every `period` [s]; no delay from desired_force to displacement_command, see `SampledBlock`.
     """
 
     port_units = {"invariance_function": "m"}
     follows = "desired_force"
-    # Inputs of a subclass after the forces, and what it remembers; these have other names.
+    # Inputs of a subclass after the forces, and its own memory; the names differ from those above.
     own_inputs: tuple[str, ...] = ()
     own_memory: tuple[str, ...] = ()
 
@@ -216,7 +216,7 @@ class InvarianceForceLaw(ForceLaw):
         braked = v - minimum(maximum(v, period * gamma), period * opposite)
         wanted = where(good, v - period * chosen, braked)
 
-        # The limits bind the command last; they never ask for more than the accelerations do.
+        # The speed limit is applied within the acceleration limits, and the limits of the command last.
         change = period * most
         wanted = minimum(maximum(wanted, -speed_limit), speed_limit)
         wanted = minimum(maximum(wanted, v - change), v + change)
@@ -241,21 +241,48 @@ _Law = TypeVar("_Law", bound=InvarianceForceLaw)
 
 @dataclass(kw_only=True)
 class InvarianceLimits(Config, LawConfig):
-    """What the configurations of laws with this constraint share."""
+    """Keys that the configurations of laws with this constraint share."""
 
     gamma: float = key(
-        -0.1, "deceleration towards the constraint", unit="m/s^2", bounds="from -1000 to -1e-6", each=True
+        -0.1,
+        "acceleration of the displacement command when it brakes before its set point, negative",
+        unit="m/s^2",
+        bounds="from -1000 to -1e-6",
+        each=True,
     )
     upper_acceleration: float | None = key(
-        None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive", each=True
+        None,
+        "largest acceleration of the displacement command when it speeds up; null: -gamma",
+        unit="m/s^2",
+        bounds="positive",
+        each=True,
     )
-    compliance_error: float = key(1.0, "C_T_hat / C_T of the constraint", bounds="from 0.001 to 1000", each=True)
-    speed_limit: float = key(inf, "largest speed of the command", unit="m/s", bounds="at least 0.00001", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
+    compliance_error: float = key(
+        1.0,
+        "assumed total compliance, in the constraint, over the true one, C_T_hat / C_T",
+        bounds="from 0.001 to 1000",
+        each=True,
+    )
+    speed_limit: float = key(
+        inf, "largest speed of the displacement command", unit="m/s", bounds="at least 0.00001", each=True
+    )
+    lower_limit: float = key(
+        -0.1,
+        "lower limit of the displacement command, into the surface",
+        unit="m",
+        bounds="from -10 to -0.000001",
+        each=True,
+    )
+    upper_limit: float = key(
+        0.1,
+        "upper limit of the displacement command, off the surface",
+        unit="m",
+        bounds="from 0.000001 to 10",
+        each=True,
+    )
 
     def block(self, kind: type[_Law], model: PlantModel, compliance: ArrayLike | None) -> _Law:
-        """The block whose model has this total compliance [m/N], or a port for it (None)."""
+        """The block with this total compliance C_T_hat [m/N], or with a port for it (None)."""
         return kind(
             model.size,
             gamma=self.gamma,
@@ -270,10 +297,10 @@ class InvarianceLimits(Config, LawConfig):
 
 @dataclass(kw_only=True)
 class InvarianceConfig(InvarianceLimits, in_batches=True):
-    """Scenario part `!Invariance`."""
+    """Scenario part `!Invariance`: force control by set invariance, without a nominal law. (Sec. 3.2.2, 3.4)"""
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> InvarianceForceLaw:
-        """The block whose model has this total compliance [m/N], or a port for it (None)."""
+        """The block with this total compliance C_T_hat [m/N], or with a port for it (None)."""
         return self.block(InvarianceForceLaw, model, compliance)
 
 

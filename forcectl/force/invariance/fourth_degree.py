@@ -5,8 +5,8 @@
     y'''  = -w^2 xbar'/C_T - w^2 y' - 2 z w y''                                                (3.62)*, (3.87)*
     y^(4) = -w^2 xbar''/C_T - w^2 y'' - 2 z w y'''                                                     (3.65)*
 
-The control is xbar'', integrated twice. At rest F = F_bar whatever the compliance is believed to be (3.63). y' and y''
-come from one of::
+The control is xbar'', integrated twice. At rest F = F_bar for any assumed compliance (3.63). y' and y'' come from one
+of::
 
     model        x' and x'' of h(s), driven by the command:  y' = -x'/C_T, y'' = -x''/C_T                (3.62)*
     difference   differences of the measured force                                                       (3.87)*
@@ -47,9 +47,9 @@ _NOT_FINITE = float(Status.NOT_FINITE)
 def fourth_derivative(
     state: Sequence[BatchValue], alpha: BatchValue, gamma: BatchValue, upper: BatchValue, m: Any = np
 ) -> tuple[BatchValue, BatchValue]:
-    """y^(4) of the law, and Phi of the virtual state that decides on it.
+    """y^(4) of the law, and Phi of the virtual state on which it depends.
 
-    `upper` while Phi(xi_hat) < 0, else gamma (3.30), (3.78). When y > 0 falls, the same for -y (3.85).
+    y^(4) is `upper` while Phi(xi_hat) < 0, else gamma (3.30), (3.78). While y > 0 falls, the same for -y (3.85).
 
     Args:
         state: y, y', y'', y'''.
@@ -77,18 +77,20 @@ def speed_window(
 ) -> tuple[BatchValue, BatchValue]:
     """Smallest and largest velocity of the command [m/s] when y' and y'' are differences of the measured force.
 
-    Without a contact to answer it, a = c y4/w^2 + 2 z w v (3.65)* feeds itself from v_u = c `|y4|`/(2 z w^3) on. In
-    contact 3 v_u is allowed, and what changes 0.6 of the reference or error in 2 z/w. Slower are the approach without
-    contact (v_u, a quarter), and the way back (a tenth of v_u, and the error in 2 z/w); none without contact.
+    Without contact the force does not respond, and a = c y4/w^2 + 2 z w v (3.65)* grows without bound at speeds above
+    v_u = c `|y4|`/(2 z w^3). In contact the speed is at most 3 v_u, and changes the force in 2 z/w by at most 0.6 of
+    the reference or of the error, whichever is larger. The approach without contact is slower: v_u, and a quarter
+    instead of 0.6. So are retreats and motion at y > 0: a tenth of v_u plus the speed that changes the force by the
+    error in 2 z/w. There is no retreat without contact while y < 0.
 
     Args:
         y: F - F_bar [N].
-        absent: there is no contact.
+        absent: whether there is no contact.
         desired: F_bar [N].
         c: C_T_hat [m/N].
         w, z: of the lag from command to force.
         least: the smaller of `|gamma|` and the largest y^(4) [N/s^4].
-        limit: no faster than this [m/s].
+        limit: speed limit of the command [m/s].
         m: numpy, or `FLOAT_MATH` for floats.
     """
     unstable = 0.5 * c * least / (z * w * w * w)
@@ -122,21 +124,22 @@ class FourthDegreeForceLaw(ForceLaw):
     Parameters (Context, shape (n,)): gamma [N/s^4] < 0; upper [N/s^4] > 0, the largest y^(4), `|gamma|` when not given;
     alpha [1] >= 0 of the virtual state; bandwidth w [rad/s] and damping_ratio z [1] of the lag between command and
     measured force; acceleration_limit [m/s^2] > 0 and speed_limit [m/s] > 0 of the command (with differences, never
-    above `speed_window`); rest_region [N] >= 0, within which of F_bar the command brakes and rests; lower_limit and
+    above `speed_window`); rest_region [N] >= 0, force error within which the command brakes and rests; lower_limit and
     upper_limit [m] of the command; compliance C_T_hat [m/N] > 0.
 
-    The velocity of the command never jumps, except that it is lost at a limit of the command. A force or compliance
-    that is not a number brakes the command within the acceleration limit and holds it. Lost contact, for differences a
-    measured force below rest_region, stops a retreat and is followed slowly, down to the lower limit.
+    The velocity of the command never jumps, except to zero at a limit of the command. A force or compliance that is not
+    a number brakes the command within the acceleration limit and holds it. With differences, a measured force below
+    rest_region counts as lost contact: a retreat stops, and the command approaches slowly, down to the lower limit.
 
-    Range, differences, default plant, gamma -1e5: 1e3 to 1e6 N/m. What friction lets go at once (0.1 mm of command: 1 N
-    at 1e4 N/m, up to 5 N at 1e6 N/m) makes a limit cycle where it exceeds rest_region; so do C_T_hat three times too
-    large, alpha = 0 and gamma = -1e7. Far below the `|gamma|` or above the bandwidth of the plant, friction holds.
+    Range of use, with differences on the default plant and gamma = -1e5: stiffness 1e3 to 1e6 N/m. A slip of sticking
+    joints (0.1 mm of command: 1 N at 1e4 N/m, up to 5 N at 1e6 N/m) causes a limit cycle where its force exceeds
+    rest_region. So do C_T_hat three times too large, alpha = 0 and gamma = -1e7. With a much smaller `|gamma|`, or a
+    bandwidth above that of the plant, joints stay in static friction.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
 
     Args:
-        derivatives: "model" or "difference", see above.
+        derivatives: "model" or "difference", see the module's documentation.
     """
 
     port_units = {"invariance_function": "N"}
@@ -254,50 +257,73 @@ class FourthDegreeForceLaw(ForceLaw):
 
 @dataclass(kw_only=True)
 class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
-    """Scenario part `!FourthDegreeInvariance`."""
+    """Scenario part `!FourthDegreeInvariance`: invariance of the measured force, of relative degree 4. (Sec. 3.7)"""
 
     gamma: float = key(
-        -1e5, "smallest fourth derivative of the force", unit="N/s^4", bounds="from -1e12 to -0.001", each=True
+        -1e5, "fourth derivative of the force when it brakes", unit="N/s^4", bounds="from -1e12 to -0.001", each=True
     )
     upper: float | None = key(
-        None, "largest y^(4) of the force; null: -gamma", unit="N/s^4", bounds="positive", each=True
+        None, "largest fourth derivative of the force; null: -gamma", unit="N/s^4", bounds="positive", each=True
     )
     alpha: float | None = key(
         None,
-        "factor of the virtual state; null: 3, or what compliance_ratio and force_rate ask for (3.81)*, (3.84)*",
+        "factor of the virtual state, larger: earlier braking; null: 3, or from compliance_ratio and force_rate "
+        "(3.81)*, (3.84)*",
         bounds="not negative",
         each=True,
     )
     compliance_ratio: float = key(
-        1.0, "C_T,max/C_T,min (3.82), how uncertain C_T is; above 1 gamma is checked, too (3.67)*", bounds="at least 1"
+        1.0,
+        "largest over smallest possible total compliance (3.82); above 1 gamma is checked, too (3.67)*",
+        bounds="at least 1",
     )
     force_rate: float | None = key(
-        None, "largest rate of the force wanted while force_rate_error is missing", unit="N/s", bounds="positive"
+        None,
+        "largest wanted rate of the force at the error force_rate_error, from which alpha follows; null: not used",
+        unit="N/s",
+        bounds="positive",
     )
-    force_rate_error: float | None = key(None, "see force_rate", unit="N", bounds="positive")
+    force_rate_error: float | None = key(
+        None,
+        "missing force at which force_rate is the largest wanted rate; null: not used",
+        unit="N",
+        bounds="positive",
+    )
     bandwidth: float | None = key(
         None,
-        "w of the lag from command to force; null: that of the force sensor",
+        "bandwidth w of the lag from command to measured force; null: that of the force sensor",
         unit="rad/s",
         bounds="positive",
         each=True,
     )
-    damping_ratio: float = key(1.0, "of the same lag", unit="1", bounds="from 0.01 to 10", each=True)
-    derivatives: str = key("difference", "where the derivatives of the force come from", choices=DERIVATIVES)
-    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000", each=True)
+    damping_ratio: float = key(
+        1.0, "damping ratio z of the lag from command to measured force", unit="1", bounds="from 0.01 to 10", each=True
+    )
+    derivatives: str = key(
+        "difference", "source of the force's derivatives: model of the lag, or measured force", choices=DERIVATIVES
+    )
+    compliance_error: float = key(
+        1.0, "assumed total compliance over the true one, C_T_hat / C_T", bounds="from 0.001 to 1000", each=True
+    )
     acceleration_limit: float = key(
-        0.1, "largest acceleration of the command", unit="m/s^2", bounds="positive", each=True
+        0.1, "largest acceleration of the displacement command", unit="m/s^2", bounds="positive", each=True
     )
     speed_limit: float = key(
         np.inf,
-        "largest speed of the command; with differences never above `speed_window`",
+        "largest speed of the displacement command; with differences `speed_window` limits it further",
         unit="m/s",
         bounds="at least 0.00001",
         each=True,
     )
-    rest_region: float = key(0.3, "force error within which the law rests", unit="N", bounds="not negative", each=True)
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="from -10 to -0.000001", each=True)
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="from 0.000001 to 10", each=True)
+    rest_region: float = key(
+        0.3, "force error within which the command brakes and rests", unit="N", bounds="not negative", each=True
+    )
+    lower_limit: float = key(
+        -0.1, "lower limit of the command, into the surface", unit="m", bounds="from -10 to -0.000001", each=True
+    )
+    upper_limit: float = key(
+        0.1, "upper limit of the command, off the surface", unit="m", bounds="from 0.000001 to 10", each=True
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -309,9 +335,9 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
             raise invalid("alpha", self.alpha, f"above {least:g}, compliance_ratio - 1 (3.84)*: else contact bounces")
 
     def chosen_alpha(self) -> ArrayLike:
-        """The factor of the virtual state: the one given, else by what is stated, else that of Fig. 3.10.
+        """The factor alpha of the virtual state: as given, else from rate and compliance ratio, else as in Fig. 3.10.
 
-        Of a batch with several gammas one for each.
+        For a batch with several gammas, one for each.
         """
         if self.alpha is not None:
             return self.alpha
@@ -323,7 +349,7 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
         return alphas[0] if np.ndim(self.gamma) == 0 else alphas
 
     def _check_gamma(self, model: PlantModel, bandwidth: BatchValue) -> None:
-        """BadInputError unless the acceleration suffices to brake with gamma at the largest compliance stated."""
+        """BadInputError unless acceleration_limit suffices to brake with gamma at the largest possible compliance."""
         if self.compliance_ratio == 1:
             return
         largest = self.compliance_ratio * self.compliance_error * model.total_compliance
@@ -334,10 +360,10 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
                 raise invalid("gamma", gamma, text)
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
-        """The block whose model has this total compliance [m/N], or a port for it (None).
+        """The block with this total compliance C_T_hat [m/N], or with a port for it (None).
 
         Raises:
-            BadInputError: a gamma that a stated uncertainty of the compliance leaves too little acceleration for.
+            BadInputError: acceleration_limit is too small for gamma at the largest possible compliance.
         """
         bandwidth = model.sensor_bandwidth if self.bandwidth is None else self.bandwidth
         self._check_gamma(model, bandwidth)
@@ -364,5 +390,9 @@ class AdaptiveFourthDegreeInvarianceConfig(AdaptiveLawConfig, FourthDegreeInvari
     """Scenario part `!AdaptiveFourthDegreeInvariance`: `!FourthDegreeInvariance`, compliance estimated on line."""
 
     compliance_error: float = key(
-        2 / 3, "initial C_E_hat / C_E; 1/1.5 = stiffness 50 % too high", bounds="from 0.001 to 1000", each=True
+        2 / 3,
+        "initial estimate of the environment's compliance over its true value, C_E_hat / C_E; "
+        "1/1.5: stiffness 50 % too high",
+        bounds="from 0.001 to 1000",
+        each=True,
     )

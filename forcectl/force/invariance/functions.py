@@ -1,11 +1,11 @@
-"""Invariance functions: how far an output can still rise while its r-th derivative is held at gamma::
+"""Invariance functions: the largest value an output reaches while its r-th derivative is held at gamma::
 
     p(t) = gamma t^r/r! + sum_{k<r} y^(k) t^k/k!,    Phi(xi) = max_{t >= 0} p(t),    gamma < 0            (3.6), (3.7)
 
 with xi = [y, y', ..., y^(r-1)]. Phi(xi) <= 0: the constraint y <= 0 can be kept with y^(r) = gamma.
 
-Phi is the largest p(t) of any candidate times that include the maximum; one that is none does no harm. This needs no
-cases, neither those of (3.8) nor of Algorithm 1, and no tolerance on what is a real root.
+Phi is computed as the largest p(t) over candidate times that include the maximum; further candidates do no harm. This
+needs no case distinctions, neither those of (3.8) nor of Algorithm 1, and no tolerance for what is a real root.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from forcectl.framework.batch import SCALAR_MATH, BatchValue
 
 # Operations that give the same bits on floats and on arrays; np itself serves arrays.
 FLOAT_MATH: Any = SimpleNamespace(**vars(SCALAR_MATH) | {"frexp": math.frexp, "ldexp": math.ldexp})
-_ITERATIONS = 8  # of Newton's, from a bound at most 2.6 times the root: relative error below 1e-15
+_ITERATIONS = 8  # of Newton's method, from a bound at most 2.6 times the root: relative error below 1e-15
 
 
 def taylor(state: Sequence[BatchValue], gamma: BatchValue, t: BatchValue) -> BatchValue:
@@ -58,7 +58,7 @@ def invariance_function(state: ArrayLike, gamma: ArrayLike) -> Array:
 
 
 def set_distance(y: ArrayLike, rate: ArrayLike, gamma: float) -> Array:
-    """V = Phi(-xi) of relative degree 2: what y still falls below zero; above zero inside the invariant set (3.23).
+    """V = Phi(-xi) of relative degree 2: how far y falls below zero; positive inside the invariant set (3.23).
 
     Args:
         y: output, any shape.
@@ -69,7 +69,7 @@ def set_distance(y: ArrayLike, rate: ArrayLike, gamma: float) -> Array:
 
 
 def set_distance_rate(rate: ArrayLike, acceleration: ArrayLike, gamma: float) -> Array:
-    """V' = -(y''/gamma + 1) y' for y' < 0, otherwise -y' (3.24)*. The law makes it negative outside of y = y' = 0.
+    """V' = -(y''/gamma + 1) y' for y' < 0, otherwise -y' (3.24)*. Under the law it is negative outside of y = y' = 0.
 
     Args:
         rate: y', any shape.
@@ -90,14 +90,15 @@ def least_gamma(
     speed: BatchValue = 0.0,
     command_speed: BatchValue = 0.0,
 ) -> BatchValue:
-    """The largest over the states of the least y^(4) that the control reaches there [N/s^4], (3.67)*.
+    """The smallest gamma that the law of relative degree 4 can keep in all states within limits [N/s^4], (3.67)*.
 
-    A gamma of the law of relative degree 4 below it cannot be kept in all of these states. It is of y^(4) of (3.65)*,
-    linear in state and control. Zero speeds and lag are rest, and an approach at any steady speed, which needs no more.
+    It is the largest, over these states, of the smallest y^(4) that the control reaches there; y^(4) (3.65)* is linear
+    in state and control. Zero speeds and lag stand for rest, and for an approach at any steady speed, which needs no
+    more.
 
     Args:
         bandwidth, damping_ratio: w [rad/s] and z of the lag from command to force.
-        compliance: the largest C_T there may be [m/N].
+        compliance: the largest possible C_T [m/N].
         acceleration: largest `|dx_bar''|` of the command [m/s^2].
         lag: largest `|dx_bar - dx|` [m].
         speed: largest `|dx'|` [m/s].
@@ -109,10 +110,10 @@ def least_gamma(
 
 
 def alpha_for_rate(degree: int, gamma: float, force_error: float, force_rate: float) -> float:
-    """The alpha of (3.78) with which braking begins, while dF is missing, at the rate F'max: (3.81)* for degree 3.
+    """The alpha of (3.78) with which braking begins when the force rises at F'max and dF is missing: (3.81)* for r = 3.
 
-    There Phi(xi_hat) = 0 with xi = [-dF, F'max, 0, ...]; a larger alpha brakes earlier. It may be below zero: then the
-    invariant set itself keeps the rate.
+    There Phi(xi_hat) = 0 with xi = [-dF, F'max, 0, ...]; with a larger alpha braking begins earlier. The result may be
+    negative: then the invariant set itself keeps the rate.
 
     Args:
         degree: r, at least 2.
@@ -125,14 +126,15 @@ def alpha_for_rate(degree: int, gamma: float, force_error: float, force_rate: fl
 
 
 def alpha_for_uncertainty(compliance_ratio: float, for_rate: float = 0.0, margin: float = 1.3) -> float:
-    """The alpha of (3.78) of which C_T_hat/C_T up to `compliance_ratio` leaves `for_rate`, with a margin. (3.84)*
+    """The alpha of (3.78) whose effective value is above `for_rate` for C_T_hat/C_T up to `compliance_ratio`. (3.84)*
 
-    By (3.83) a compliance believed R times too large leaves (1 + alpha)/R - 1. The contact bounces where nothing is
-    left; 1.3 is what rested on the ideal plant at ratios of 1.5, 2 and 3.
+    By (3.83) the effective value is (1 + alpha)/R - 1 when the assumed compliance is R times too large. The contact
+    bounces where that is not positive; with a margin of 1.3 it came to rest on the ideal plant at ratios of 1.5, 2 and
+    3.
 
     Args:
         compliance_ratio: R = C_T,max/C_T,min, at least 1.
-        for_rate: of `alpha_for_rate`, what must be left.
+        for_rate: smallest effective value, of `alpha_for_rate`.
         margin: of 1 + alpha, above 1.
     """
     return margin * compliance_ratio * max(1.0, 1.0 + for_rate) - 1.0
@@ -187,15 +189,15 @@ def invariance_4(state: Sequence[BatchValue], gamma: BatchValue, m: Any = np) ->
 def times_4(state: Sequence[BatchValue], gamma: BatchValue, m: Any = np) -> tuple[BatchValue, ...]:
     """Candidate times of degree 4: the roots of t^3 + a t^2 + b t + c = 6 p'/gamma (Algorithm 1).
 
-    The real root furthest from the inflection -a/3 is simple, and Newton's method comes to it from its bound without a
-    turn; the other two follow from the quadratic that is left.
+    The real root furthest from the inflection -a/3 is simple, and Newton's method converges to it monotonically from
+    its bound. The other two are the roots of the remaining quadratic.
     """
     _, y1, y2, y3 = state
     a, b, c = 3 * y3 / gamma, 6 * y2 / gamma, 6 * y1 / gamma
     p = b - a * a / 3
     q = c + a * (2 * a * a / 27 - b / 3)
     first = -m.copysign(_outer_root(p, abs(q), m), q) - a / 3
-    # The shift by a/3 may have cost the digits of a small root; beside a triple root there are none to gain.
+    # The shift by a/3 may have cost digits of a small root, which two steps restore; not beside a triple root.
     value = c + first * (b + first * (a + first))
     for _ in range(2):
         slope = b + first * (2 * a + 3 * first)
@@ -203,7 +205,7 @@ def times_4(state: Sequence[BatchValue], gamma: BatchValue, m: Any = np) -> tupl
         after = c + trial * (b + trial * (a + trial))
         better = abs(after) < abs(value)
         first, value = m.where(better, trial, first), m.where(better, after, value)
-    # Divide it out from the end that keeps the digits of the other two.
+    # Divide the root out from the end that keeps the digits of the other two.
     safe = first + (first == 0)
     large = abs(first * first * first) > abs(c)
     last = m.where(large, -c / safe, b + first * (a + first))

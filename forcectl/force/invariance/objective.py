@@ -29,15 +29,15 @@ from forcectl.qp.prioritized_program import Level
 from forcectl.robot.robot_motion import RobotMotion, TipPose
 
 _PRIORITY = 1e3  # weight of regulated outputs beside the unconstrained directions
-_REDUNDANT = 1e-4  # weight of rest for joints that the task leaves free
+_REDUNDANT = 1e-4  # weight of coming to rest, for joint motion that the task leaves free
 
 
 class Along(NamedTuple):
     """x'' = rows u + bias + missed along the axes of the k regulated outputs at one tick.
 
     Attributes:
-        missed: what that fell short of in the tick before, because the posture changed within it. Left out, it adds up
-            while a step of the force is braked: 3 um at 1 m/s along the surface.
+        missed: error of this equation in the tick before, because the posture changed within it. Left out, the errors
+            add up while a step of the force is braked: 3 um at 1 m/s along the surface.
     """
 
     rows: Vector
@@ -46,10 +46,10 @@ class Along(NamedTuple):
 
 
 class Objective:
-    """The objective of n joints.
+    """The objective of the program of n joints.
 
     Args:
-        axes: spatial ones of the k regulated outputs in W, rotations first, the normal in the first row, (k, 6).
+        axes: spatial axes of the k regulated outputs in W, rotations first, the normal in the first row, (k, 6).
         tracking: of the unconstrained directions.
         singularity_limit: smallest singular value of J that is not damped, inverted [1/m].
         num_joints: n.
@@ -75,14 +75,14 @@ class Objective:
         outputs: Sequence[Regulated],
         missed: Vector,
     ) -> Vector:
-        """The spatial acceleration x'' that the terms ask for together (6,).
+        """The spatial acceleration x'' that all terms together ask for (6,).
 
         Args:
             motion: the commanded motion.
-            path: where it should be.
-            rate: of the joints along the path, (n,) [rad/s].
-            bend: the same [rad/s^2].
-            outputs: the regulated ones.
+            path: wanted pose of the tool.
+            rate: joint speeds along the path, (n,) [rad/s].
+            bend: joint accelerations along the path, (n,) [rad/s^2].
+            outputs: the regulated outputs.
             missed: see `Along`.
         """
         wanted = self._tracking.acceleration(motion, path, rate, bend, self._across)
@@ -90,14 +90,14 @@ class Objective:
         return wanted
 
     def level(self, motion: RobotMotion, along: Along, wanted: Vector) -> tuple[Level, bool]:
-        """What is minimised, and whether J is damped."""
+        """The cost that is minimised, and whether J is damped."""
         J = motion.jacobian
         hessian, gradient = J.T @ J, J.T @ (motion.bias - wanted)
         damping = self._damping(hessian)
         if damping > 0:  # towards rest
             hessian += damping * self._eye
             gradient += damping * 2 * self._tracking.bandwidth * motion.v
-        # The regulated outputs come first: beside limits that leave too little for all, the rest gives way.
+        # The regulated outputs have priority: where limits leave too little for all, the rest gives way.
         hessian += _PRIORITY * (along.rows.T @ along.rows)
         gradient += _PRIORITY * ((along.bias - self._axes @ wanted) @ along.rows)
         if self._joint_metric:  # the gradient is -u_nom then

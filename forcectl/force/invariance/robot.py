@@ -26,7 +26,7 @@ from forcectl.qp.solvers import DEFAULT_SOLVER, solver_choices
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.tasks.constraints.parts import at_keys, constraints_of
 
-_TURN = 2 * np.pi  # [rad] beyond the limits of the robot, that those instead may be; further are degrees
+_TURN = 2 * np.pi  # [rad] how far position limits may be beyond the robot's; more is taken for degrees
 
 
 class AdaptiveInvarianceController(PythonDiagram):
@@ -40,14 +40,14 @@ class AdaptiveInvarianceController(PythonDiagram):
     constraint_violation, near_singular, contact_lost, approach_displacement (optional), environment_compliance]
     ```
 
-    motor_position: shape (n_q,) [rad]: where the tool really is; filtered like the force, and without the displacement
-    of a guarded move, it is regressed.
+    motor_position: shape (n_q,) [rad]; the estimator uses the displacement of the tool at it, filtered like the force
+    and without that of a guarded move.
     environment_compliance: shape (1,), C_E_hat [m/N]. State.
     The other ports: see `InvarianceController`. All outputs are feedthrough of desired_force, measured_force,
     unconstrained_reference and approach_displacement at the tick.
 
-    Sampling: every `period` [s] of the controller; every `posture_period` [s] what the estimator needs of the posture;
-    the compliance it uses is one tick old.
+    Sampling: every `period` [s] of the controller; every `posture_period` [s] the posture data of the estimator;
+    the compliance that the controller uses is one tick old.
     """
 
     def __init__(self, controller: InvarianceController, estimator: EnvironmentComplianceEstimator, model: PlantModel):
@@ -76,16 +76,22 @@ class AdaptiveInvarianceController(PythonDiagram):
 
 @dataclass(kw_only=True)
 class JointLimitConfig(Config):
-    """Joint limits that replace the robot's: one number per joint, or none at all for the robot's."""
+    """Joint limits that replace the robot's: one number per joint; an empty list keeps the robot's."""
 
-    position_lower: list[float] = key([], "lowest position of each joint", unit="rad")
-    position_upper: list[float] = key([], "highest position of each joint", unit="rad")
-    velocity: list[float] = key([], "largest speed of each joint", unit="rad/s", bounds="positive and at most 30")
-    acceleration: list[float] = key([], "largest acceleration of each joint", unit="rad/s^2", bounds="positive")
-    torque: list[float] = key([], "largest torque of each joint, joint side", unit="Nm", bounds="positive")
+    position_lower: list[float] = key([], "lower position limit of each joint; empty: the robot's", unit="rad")
+    position_upper: list[float] = key([], "upper position limit of each joint; empty: the robot's", unit="rad")
+    velocity: list[float] = key(
+        [], "speed limit of each joint; empty: the robot's", unit="rad/s", bounds="positive and at most 30"
+    )
+    acceleration: list[float] = key(
+        [], "acceleration limit of each joint; empty: the robot's", unit="rad/s^2", bounds="positive"
+    )
+    torque: list[float] = key(
+        [], "torque limit of each joint, on the joint side; empty: the robot's", unit="Nm", bounds="positive"
+    )
 
     def limits(self, robot: JointLimits) -> JointLimits:
-        """These, and the robot's where nothing is said."""
+        """These limits, and the robot's where a list is empty."""
         chosen = {}
         for name in ("position_lower", "position_upper", "velocity", "acceleration", "torque"):
             given, own = getattr(self, name), getattr(robot, name)
@@ -106,17 +112,33 @@ class OutputConfig(Config):
     """A Cartesian coordinate, an angle of the tool, or the force on a second surface, regulated beside the force."""
 
     axis: list[float] = key(
-        meaning="in W, of a force the outward normal; of coordinates and forces perpendicular to n and to each other",
+        meaning="axis in W, of a force the surface's outward normal; of coordinates and forces perpendicular to the "
+        "normal of the first surface and to each other",
         bounds="not all zero",
         size=3,
     )
-    displacement: float | None = key(None, "set point along it from the start", unit="m")
-    angle: float | None = key(None, "set point about it from the start", unit="rad", bounds="from -1 to 1")
-    force: float | None = key(
-        None, "on a surface that the tool touches at the start, through its compliance", unit="N", bounds="positive"
+    displacement: float | None = key(
+        None, "set point of the tool's displacement along the axis, from the start; null: not regulated", unit="m"
     )
-    stiffness: float = key(1e4, "of that surface", unit="N/m", bounds="from 1 to 1e+08")
-    gamma: float = key(-0.1, "deceleration towards it, of an angle in rad/s^2", unit="m/s^2", bounds="below zero")
+    angle: float | None = key(
+        None,
+        "set point of the tool's angle about the axis, from the start; null: not regulated",
+        unit="rad",
+        bounds="from -1 to 1",
+    )
+    force: float | None = key(
+        None,
+        "desired force on a second surface, touched at the start, regulated by its compliance; null: not regulated",
+        unit="N",
+        bounds="positive",
+    )
+    stiffness: float = key(1e4, "stiffness of the second surface, for its force", unit="N/m", bounds="from 1 to 1e+08")
+    gamma: float = key(
+        -0.1,
+        "acceleration when braking before the set point, negative; of an angle in rad/s^2",
+        unit="m/s^2",
+        bounds="below zero",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -124,7 +146,7 @@ class OutputConfig(Config):
             raise BadInputError(" needs one of displacement, angle and force", key="axis")
 
     def output(self, compliance: Array, n: Array) -> RegulatedCoordinate:
-        """What is regulated.
+        """The regulated output.
 
         Args:
             compliance: of the robot at the TCP in W, shape (3, 3) [m/N].
@@ -143,23 +165,46 @@ class OutputConfig(Config):
 
 @dataclass(kw_only=True)
 class InvarianceRobotConfig(Config):
-    """Scenario part `!InvarianceRobot`."""
+    """Scenario part `!InvarianceRobot`: invariance force control in joint accelerations, with constraints. (3.53)*"""
 
     reads_of_model: ClassVar[tuple[str, ...]] = ("masses",)
 
-    gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
-    upper_acceleration: float | None = key(None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive")
-    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="from 0.001 to 1000")
-    adaptation: Adaptation | None = key(None, "of the environment's compliance; null: it is known")
-    nominal_gain: float | None = key(None, "K_I of a law to be corrected; null: none", unit="1/s", bounds="positive")
-    metric: str = key("task", "accelerations in which the correction of that law is small", choices=METRICS)
-    maximum_force: float = key(inf, "largest force", unit="N", bounds="above zero")
-    tracking_bandwidth: float = key(30.0, "w of the unconstrained directions", unit="1/s", bounds="positive")
-    tracking_acceleration: float = key(2.0, "largest, in the unconstrained directions", unit="m/s^2", bounds="positive")
-    limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
-    constraints: list[Any] = slot("constraint", list, "beside those of joints and force")
+    gamma: float = key(
+        -0.1,
+        "acceleration of the displacement command when it brakes before its set point, negative",
+        unit="m/s^2",
+        bounds="below zero",
+    )
+    upper_acceleration: float | None = key(
+        None,
+        "largest acceleration of the displacement command when it speeds up; null: -gamma",
+        unit="m/s^2",
+        bounds="positive",
+    )
+    compliance_error: float = key(
+        1.0, "assumed total compliance over the true one, C_T_hat / C_T", bounds="from 0.001 to 1000"
+    )
+    adaptation: Adaptation | None = key(
+        None, "on-line estimation of the environment's compliance; null: none, it is assumed as known"
+    )
+    nominal_gain: float | None = key(
+        None,
+        "gain K_I of a nominal integral law that is corrected; null: no nominal law",
+        unit="1/s",
+        bounds="positive",
+    )
+    metric: str = key("task", "accelerations in which the correction of the nominal law is minimal", choices=METRICS)
+    maximum_force: float = key(inf, "limit of the contact force", unit="N", bounds="above zero")
+    tracking_bandwidth: float = key(
+        30.0, "bandwidth w of the tracking in the unconstrained directions", unit="1/s", bounds="positive"
+    )
+    tracking_acceleration: float = key(
+        2.0, "largest acceleration of the tracking in the unconstrained directions", unit="m/s^2", bounds="positive"
+    )
+    limits: JointLimitConfig = key(JointLimitConfig, "limits of the joints; the robot's where none is given")
+    constraints: list[Any] = slot("constraint", list, "further constraints, beside those of joints and force")
     outputs: list[OutputConfig] = key([], "coordinates, angles and further forces that are regulated beside the force")
-    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=solver_choices)
+    solver: str = key(DEFAULT_SOLVER, "solver of the quadratic program", choices=solver_choices)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the controller; without adaptation its model has `compliance_error` times the true total compliance.

@@ -1,9 +1,9 @@
-"""Closed-loop inverse kinematics: the acceleration that leads the tool along a path, however far away it is (3.51)::
+"""Closed-loop inverse kinematics: the acceleration that leads the tool to and along a path, from any distance (3.51)::
 
     x'' = xbar'' + K_D (xbar' + v(e) - x'),    v(e) = e min(w/2, sqrt(a/|e|)),    K_D = 2 w
 
-Near the path that is xbar'' + K_D e' + K_P e with K_P = w^2; beyond 4 a/w^2 the speed towards it is one from which half
-of the acceleration a suffices to stop, and no more than a is asked for.
+Near the path that is xbar'' + K_D e' + K_P e with K_P = w^2. Beyond 4 a/w^2 the speed towards it is one from which half
+of the acceleration a suffices to stop. No more than a is ever commanded.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Tracking:
     Args:
         bandwidth: w [1/s], > 0.
         acceleration: a of the position [m/s^2], > 0.
-        length: that divides a for the orientation [m], > 0.
+        length: characteristic length; a/length is the limit for the orientation [m], > 0.
     """
 
     def __init__(self, bandwidth: float, acceleration: float, length: float):
@@ -34,11 +34,11 @@ class Tracking:
 
         Args:
             motion: of the tool.
-            path: where it should be.
-            rate, bend: joint speeds and accelerations of the path (n,), turned into the tool's by the Jacobian where it
-                is, 20 us less than by the path's own. On the path they are the same; pressed in by 3 mm at 20 mm/s the
-                tool is led beside it by 1 um.
-            across: projection on the directions that are tracked (6, 6), rotations and translations apart.
+            path: wanted pose of the tool.
+            rate, bend: joint speeds and accelerations of the path (n,). The Jacobian at the tool maps them to
+                velocities, which takes 20 us less than with that of the path. On the path the two are equal; pressed
+                in by 3 mm at 20 mm/s the tool is 1 um beside it.
+            across: projection on the tracked directions (6, 6), rotations and translations apart.
         """
         w = self.bandwidth
         wanted = motion.jacobian @ (2 * w * (rate - motion.v) + bend) + motion.bias
