@@ -1,4 +1,4 @@
-"""The quadratic programs of controllers in joint accelerations u, under a robot's constraints: the core of them all::
+"""The quadratic programs of all controllers in joint accelerations u, under the constraints of a robot::
 
     level 1         min  u'H_1 u/2 + g_1'u    s.t.  R u <= r,  E u <= f,  lower <= u <= upper,  |M u + h| <= limit
     level 2, ...    see `PrioritizedProgram`
@@ -6,8 +6,8 @@
 R u <= r are further rows of the controller, E u <= f those of the constraints, lower and upper the joint limits. Where
 there is no answer the joints brake together.
 
-The rows of the torques are asked for only in ticks in which an answer without them exceeds a limit: a quarter of the
-time of a tick otherwise, for rows that seldom bind. All rows are in the program that is looked at.
+The torque rows seldom bind, and would take a quarter of the time of a tick. So they are added only in ticks in which an
+answer without them exceeds a limit. The program that `ConstrainedProgram.program` shows always has all rows.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _HOLDS = -1e-9  # a row that is missed by less holds with equality
 
 
 class Smooth(NamedTuple):
-    """Bounds of the change of u, which are kept unless that takes slack or leaves no answer: then the change is small.
+    """Bounds of the change of u. Where they would need slack or leave no answer, the change is weighted instead.
 
     Attributes:
         lower, upper: of u, within those of the rows (n,) [rad/s^2].
@@ -54,7 +54,7 @@ class Problem(NamedTuple):
         levels: in order of priority.
         further: R (k, n) and r (k,), in the order of their names; None where there are none.
         settled: see `PrioritizedProgram.solve`.
-        smooth: what keeps u from jumping; None: nothing.
+        smooth: bounds of the change of u; None: there are none.
     """
 
     motion: RobotMotion
@@ -66,13 +66,13 @@ class Problem(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What the programs of one tick give.
+    """Result of the programs of one tick.
 
     Attributes:
-        u: (n,) [rad/s^2]; brakes and holds when `status` says so.
+        u: (n,) [rad/s^2]; braking and holding where `status.brakes`.
         status, slack, levels: see `PrioritizedSolution`.
         active: rows and bounds that hold with equality.
-        beyond: the largest violation of a row of relative degree 0 [its unit], a torque included; 0 when none is.
+        beyond: the largest violation of a row of relative degree 0 [its unit], torques included; 0: no violation.
     """
 
     u: Vector

@@ -47,7 +47,7 @@ class NamedProgram:
         rows: names of the rows.
         cost: what is minimised.
         bounds: what bounds the variables.
-        soft: the rows that have a slack variable, in the order of these; E v has it with the factor -1.
+        soft: indices of the rows with a slack variable, in the order of these variables; its factor in E v is -1.
         equalities: names of rows that hold with equality, besides the others.
     """
 

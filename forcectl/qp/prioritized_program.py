@@ -5,7 +5,7 @@
 
 The equalities of a level are met by its variables: u = u_above + N z, with N an orthonormal basis of what all J_i leave
 free. So they hold to rounding, also where a J_i loses rank, and z = 0 is feasible at every level: a level that cannot
-be solved leaves the answer of those above. What is shown of a level is (5.18) in u, as it is printed.
+be solved leaves the answer of those above. `program` shows a level as (5.18) in u, as it is printed.
 
 Rows that level 1 could keep only with a slack are kept below it as far as it kept them.
 """
@@ -28,10 +28,10 @@ from forcectl.qp.named_program import Coefficients, NamedProgram
 from forcectl.qp.quadratic_program import QuadraticProgram, Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
 
-# What rows have at least below the first level, in their unit: where they leave none, one more or less of them decides
-# by rounding whether a solver finds a point. A tenth of what they may be missed by.
+# Smallest margin of rows and bounds at the levels below the first, in their unit. Without a margin, rounding would
+# decide whether a solver finds a feasible point. It is a tenth of the accepted violation.
 _ROOM = 1e-9
-_STEP_TOLERANCE = 1e-9  # a step by less than that is none
+_STEP_TOLERANCE = 1e-9  # a smaller step counts as none
 
 
 class Level(NamedTuple):
@@ -40,7 +40,7 @@ class Level(NamedTuple):
     Attributes:
         hessian: positive definite (n, n).
         gradient: (n,).
-        task: (k, n); not read of the last level.
+        task: J, (k, n); not used of the last level.
     """
 
     hessian: Array
@@ -67,7 +67,8 @@ class PrioritizedSolution(NamedTuple):
 class PrioritizedProgram:
     """Programs of n variables and m rows in order of priority; built once, solved anew at every tick.
 
-    Keeps nothing from one `solve` to the next but the programs to look at. `levels` is the number of levels.
+    Nothing is kept from one `solve` to the next, except the programs that `program` fills. `levels` is the number of
+    levels.
 
     Args:
         n: variables.
@@ -80,7 +81,7 @@ class PrioritizedProgram:
         costs: what each level minimises; numbered when left out.
         task_rows: names of the rows of the tasks, one after the other; numbered when left out.
         bounds: what bounds u.
-        often_free: whether the optimum without rows is tried first; it costs where rows bind at most ticks.
+        often_free: whether the optimum without rows is tried first; that wastes time where rows bind at most ticks.
 
     Raises:
         BadInputError: as `QuadraticProgram`, or a task of no rows.
@@ -123,13 +124,13 @@ class PrioritizedProgram:
             cost=of_cost[0],
             bounds=bounds,
         )
-        # Below the first level the bounds of u are rows, too. What is free of J_1 ... is the columns after theirs.
+        # Below the first level the bounds of u are rows, too. The null space of J_1 ... has the columns after theirs.
         taken = [sum(tasks[: k + 1]) for k in range(len(tasks))]
         free = [n - k for k in taken]
         self._below = [QuadraticProgram(d, m + n, solver=solver) for d in free if d > 0]
         above = [n, *free]
         self._picks = [np.vstack([np.zeros((above[k] - d, d)), np.eye(d)]) for k, d in enumerate(free) if d > 0]
-        # (5.18) in u, to look at.
+        # (5.18) in u, for `program`.
         self._shown = [
             NamedProgram(
                 of_u, of_rows, cost=name, bounds=bounds, equalities=[f"{each} as above" for each in of_task[:k]]
@@ -148,19 +149,19 @@ class PrioritizedProgram:
         fallback: Array,
         settled: bool = False,
     ) -> PrioritizedSolution:
-        """Solve with these coefficients; never raises for what is in them, and never returns a NaN of its own.
+        """Solve with these coefficients; it raises for no values of them, and returns NaN only with such a fallback.
 
         Args:
             levels: in order of priority.
-            matrix: E, (m, n); with fewer rows the last ones, hard ones, are not asked for.
+            matrix: E, (m, n); with fewer rows, the last ones, which must be hard, are left out.
             upper: f, (m,).
             u_lower: bounds of u, (n,).
             u_upper: the same.
             fallback: u when level 1 has no solution. (n,), returned as it is.
-            settled: whether an optimum of level 1 that no row or bound stops is that of all further levels, too.
+            settled: whether an optimum of level 1 with no active row or bound is optimal for all further levels, too.
 
         Raises:
-            BadInputError: not as many levels, or a task of other rows, than the program was made for.
+            BadInputError: the number of levels, or the shape of a task, is not the one the program was made for.
         """
         self._check(levels)
         hessian, gradient, _ = levels[0]
@@ -200,7 +201,7 @@ class PrioritizedProgram:
         u_lower: Array,
         u_upper: Array,
     ) -> MathematicalProgram:
-        """The program of one level in u, behind an answer with these coefficients.
+        """The program of one level in u that gave the answer with these coefficients.
 
         Args:
             level: 1 is the first.
@@ -240,12 +241,12 @@ class PrioritizedProgram:
         u_lower: Array,
         u_upper: Array,
     ) -> Array | None:
-        """The answer of one level from u, that of those above; None when there is none."""
+        """The answer of one level, found from u, the answer of the level above; None when there is none."""
         hessian, gradient, _ = level
         steepness = (hessian @ u + gradient) @ basis
         if not all_finite(steepness):
             return None
-        # The step without rows and bounds, where they leave room for it.
+        # The step without rows and bounds is taken where it violates none.
         # In an orthonormal basis the curvature of |u|^2 is that of |z|^2, exactly.
         bent = np.eye(len(steepness)) if np.array_equal(hessian, self._eye) else basis.T @ hessian @ basis
         _, free, failed = dposv(bent, -steepness)
@@ -277,7 +278,7 @@ class PrioritizedProgram:
 
 
 def _free_of(task: Array | None, basis: Array | None, pick: Array) -> Array | None:
-    """Orthonormal columns that span what `basis` (everything when None) has beside the rows of `task`.
+    """Orthonormal columns that span the part of `basis` (None: all of space) that the rows of `task` map to zero.
 
     Args:
         pick: the last columns of the identity, as many as there are after those of the task.

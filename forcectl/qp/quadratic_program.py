@@ -1,4 +1,4 @@
-"""The quadratic programs of controllers: built once, coefficients updated per tick, an answer in every case.
+"""The quadratic programs of controllers: built once, coefficients updated per tick, a result in every case.
 
     min  u'H u/2 + f'u    s.t.  lower <= E u <= upper,    u_lower <= u <= u_upper
 
@@ -10,8 +10,9 @@ What is returned, in this order::
     SOLVER_FAILED  the solver raised, gave up, or its answer does not satisfy the rows: the caller's fallback
     NOT_FINITE     a coefficient is not a number, or infinite where it must not be: the caller's fallback
 
-An answer counts when it is finite and satisfies the rows, whatever the solver says of it. Every program is solved from
-a cold start, so that a result depends on its coefficients only; a warm start of DAQP saves one microsecond in eight.
+An answer is accepted when it is finite and satisfies the rows, whatever status the solver reports. Every program is
+solved from a cold start, so that a result depends on its coefficients only; a warm start of DAQP saves one microsecond
+in eight.
 """
 
 from __future__ import annotations
@@ -31,11 +32,11 @@ from forcectl.framework.kernels import all_finite, keeps, largest
 from forcectl.qp.named_program import Coefficients, NamedProgram
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
 
-_TOLERANCE = 1e-8  # by how much a row may be missed, relative to its terms [1]
+_TOLERANCE = 1e-8  # largest accepted violation of a row, relative to its terms [1]
 
 
 class Status(IntEnum):
-    """What a solution is; the number is what a status port puts out. See the module's documentation."""
+    """Kind of a solution; its number is the value of the status ports. See the module's documentation."""
 
     OPTIMAL = 0
     SLACK = 1
@@ -53,7 +54,7 @@ class Solution(NamedTuple):
     """u: shape (n,), always finite when the fallback is. status: where it comes from.
 
     Attributes:
-        slack: furthest that u is outside a soft row, in the unit of that row; 0 unless status is SLACK.
+        slack: largest violation of a soft row by u, in the unit of that row; 0 unless status is SLACK.
     """
 
     u: Array
@@ -64,14 +65,15 @@ class Solution(NamedTuple):
 class QuadraticProgram:
     """A program of n variables and m rows, solved anew with other coefficients at every tick.
 
-    A row that is not wanted has infinite bounds. Keeps nothing from one `solve` to the next but the program to look at.
+    A row that is not wanted has infinite bounds. Nothing is kept from one `solve` to the next, except the program that
+    `program` fills.
 
     Args:
         n: variables.
         m: rows.
-        slack_weight: shape (m,) or a number; > 0, infinite for a hard row. What one unit of slack squared costs, in
-            units of the mean diagonal of H: 1e4 and more keeps the slack near the smallest possible, and rows with a
-            hundred times the weight give way only after the others.
+        slack_weight: shape (m,) or a number; > 0, infinite for a hard row. Cost of one unit of slack squared, in units
+            of the mean diagonal of H: 1e4 and more keeps the slack near the smallest possible, and rows with a hundred
+            times the weight give way only after the others.
         solver: its name, or the solver.
         variables: names of u, (n,); numbered when left out.
         rows: names of the rows, (m,); numbered when left out.
@@ -127,12 +129,12 @@ class QuadraticProgram:
         u_upper: Array | None = None,
         fallback: Array,
     ) -> Solution:
-        """Solve with these coefficients; never raises for what is in them, and never returns a NaN of its own.
+        """Solve with these coefficients; it raises for no values of them, and returns NaN only with such a fallback.
 
         Args:
             hessian: H, symmetric, positive definite, shape (n, n).
             gradient: f, shape (n,).
-            matrix: E, shape (m, n); with fewer rows the last ones, hard ones, are not asked for.
+            matrix: E, shape (m, n); with fewer rows, the last ones, which must be hard, are left out.
             upper: bounds of E u, shape (m,).
             lower: the same; no lower bounds when None.
             u_lower: bounds of u, shape (n,); none when None.
@@ -157,7 +159,7 @@ class QuadraticProgram:
         return Solution(u, Status.SLACK, max(0.0, slack.max().item()))
 
     def program(self, status: Status, *coefficients: Array, **bounds: Any) -> MathematicalProgram:
-        """The program behind an answer of that status; with slack variables unless it is the optimum without them.
+        """The program that gave an answer of that status; with slack variables unless it is the optimum without them.
 
         Args:
             status: of the answer.
@@ -211,7 +213,7 @@ class QuadraticProgram:
         )
 
     def _attempt(self, named: NamedProgram, program: Coefficients, lower: bool) -> tuple[Array | None, bool]:
-        """The solver's answer if it holds, and whether the program was found infeasible; `lower`: rows have bounds."""
+        """The solver's answer if accepted, and whether it found none feasible; `lower`: rows have lower bounds."""
         try:
             u, infeasible = self._solver(named, program)
         except Exception:  # a solver of Drake, of a package or of a test: whatever it raises, the tick goes on

@@ -22,11 +22,11 @@ from forcectl.qp.named_program import Coefficients, NamedProgram
 DEFAULT_SOLVER = "daqp"
 
 _DAQP_INFEASIBLE = -1
-_DAQP_EQUALITY = np.int32(5)  # kind of a row, to DAQP
+_DAQP_EQUALITY = np.int32(5)  # DAQP's code for an equality row
 # Rows are normalised inside DAQP, so this holds in the units of u; its default 1e-6 would be micrometres per s^2.
 _PRIMAL_TOLERANCE = 1e-10
 
-# Without more refinement of its linear equations it gives up before it is that exact.
+# To reach these tolerances, Clarabel needs more iterative refinement of its linear equations than by default.
 _CLARABEL: dict[str, float] = {
     "tol_gap_abs": 1e-12,
     "tol_gap_rel": 1e-12,
@@ -43,7 +43,7 @@ _OF_DRAKE: dict[str, tuple[str, dict[str, float]]] = {
     "mosek": ("MosekSolver", {"MSK_DPAR_INTPNT_QO_TOL_REL_GAP": 1e-12, "MSK_DPAR_INTPNT_QO_TOL_PFEAS": 1e-12}),
     "osqp": ("OsqpSolver", {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 100_000}),
 }
-# One that gives up after a step, to try controllers with: see `forcectl faults`.
+# A solver that stops after one iteration, to test controllers with: see `forcectl faults`.
 UNCONVERGED = "osqp_one_step"
 _UNCONVERGED = ("OsqpSolver", {"eps_abs": 1e-10, "eps_rel": 1e-10, "max_iter": 1, "polish": 0})
 
@@ -95,7 +95,7 @@ class DaqpPackage:
     def __call__(self, program: NamedProgram, numbers: Coefficients) -> tuple[Array | None, bool]:
         """See `Solver`."""
         hessian, gradient, matrix, lower, upper, v_lower, v_upper = numbers
-        if not hessian.flags.writeable:  # the package takes no other
+        if not hessian.flags.writeable:  # the package refuses read-only arrays
             hessian = hessian.copy()
         above, below = np.concatenate([v_upper, upper]), np.concatenate([v_lower, lower])
         kinds = _DAQP_EQUALITY * (above == below)
@@ -109,7 +109,7 @@ def drake_daqp() -> DrakeSolver:
 
 
 def exact_options(name: str) -> SolverOptions:
-    """With which Drake's solver of that name finds the u of the programs that controllers show to 1e-6.
+    """Options of Drake's solver of that name with which it solves the programs of controllers to 1e-6 in u.
 
     Raises:
         BadInputError: Drake has none of this name, or may not use it here.
@@ -127,7 +127,7 @@ def available_solvers() -> tuple[str, ...]:
 
 
 def solver_choices() -> tuple[str, ...]:
-    """Those, and where there is one the solver that gives up."""
+    """The available solvers and, where there is one, the solver that stops after one iteration."""
     return (*available_solvers(), *[UNCONVERGED] * ("osqp" in available_solvers()))
 
 

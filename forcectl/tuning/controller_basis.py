@@ -4,7 +4,7 @@
     continuous PID (4.3.3)  beta = [1, 1/s, s/(1 + s T_D)], T_D = 2 Ts, with s = (1 - z^-1)/Ts;  theta = [K_P, K_I, K_D]
     FIR                     beta = [1, z^-1, ..., z^-(n-1)]
 
-The backward difference makes the first two the same controller but for the filter of the derivative.
+With the backward difference the first two are the same controller, except for the filter of the derivative.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What VRFT found: gains, how well they are known, what the loop will do with them, and what to warn of."""
+"""Result of VRFT: gains, their accuracy, the predicted closed loop, and warnings."""
 
 from __future__ import annotations
 
@@ -13,36 +13,38 @@ from forcectl.tuning.identifiability import HIGHEST
 from forcectl.tuning.plant_model import IdentifiedPlant
 from forcectl.tuning.reference_model import ReferenceModel
 
-OUT_OF_REACH = 0.1  # a model mismatch above this is said to be out of reach, a model error not to be trusted
-_BETTERED = 1.25  # times the least mismatch: more than that is said to be out of reach, too
-_NONE = 1e-4  # a mismatch that is none
-_SEEN = 0.01  # one that is worth a warning where other gains come nearer
-_NOISE_SHARE = 0.1  # of what tells a gain apart: above, it is not identifiable
-_NOISE_OF_ONE = 4.0  # times its rms that noise may be in one sample
-_STANDARD_ERRORS = 3.0  # nor is it when zero is within so many
+OUT_OF_REACH = 0.1  # mismatch above which the reference model is out of reach, model error above which none is trusted
+_BETTERED = 1.25  # times the smallest mismatch: above that, too, the reference model counts as out of reach
+_NONE = 1e-4  # a mismatch that counts as zero
+_SEEN = 0.01  # a mismatch above which better gains are worth a warning
+_NOISE_SHARE = 0.1  # share of noise in the independent part of a regressor above which its gain is not identifiable
+_NOISE_OF_ONE = 4.0  # largest noise of one sample, in units of its rms
+_STANDARD_ERRORS = 3.0  # a gain that is within so many of zero is not identifiable either
 
 
 @dataclass(frozen=True)
 class VrftFit:
-    """Gains and how far to trust them.
+    """Gains found by VRFT, and measures of their reliability.
 
     Attributes:
         gains: theta in the form of `basis`, shape (p,).
         standard_errors: of theta, shape (p,), robust against correlated residuals; they do not contain the bias that
             noise in the output causes; NaN of refined gains.
         r_squared: share of the (filtered) input that the fit explains [-].
-        residual_rms: of what it does not [m].
+        residual_rms: of the residuals of the fit [m].
         condition_number: of the regressors, each scaled to length one [-].
         excitation_order: persistent-excitation order of e_L, at most 10.
         noise_rms: of the output where the input rests [N]; None when it never does.
-        noise_share: per gain, the share of noise in what tells it apart from the others [-]; None as above.
+        noise_share: per gain, the share of noise in the part of its regressor that is independent of the others [-];
+            None as above.
         plant: model identified from the same record; it does not enter the gains unless they are refined.
         predicted_step, model_step: unit step responses of the tuned loop on that plant and of the reference model,
             shape (h,) [-]; NaN from where the loop has diverged.
-        stable: whether it does not diverge.
-        model_error, record_mismatch: how far to trust the prediction, and the mismatch read off the record without a
-            plant model (None where that cannot be), both as `model_mismatch` [-]; see `forcectl.tuning.prediction`.
-        best_mismatch: the least that these gains can do on that plant [-]; None with more gains than are searched.
+        stable: whether the tuned loop on that plant is stable.
+        model_error, record_mismatch: error of the prediction, and the mismatch computed from the record without a plant
+            model (None where that is not possible), in the unit of `model_mismatch` [-]; see
+            `forcectl.tuning.prediction`.
+        best_mismatch: smallest mismatch of any gains on that plant [-]; None with more gains than are searched.
         vrft_gains: the gains of VRFT where `gains` are refined ones, else None.
         warnings: one line each.
     """
@@ -82,7 +84,7 @@ class VrftFit:
 
     @property
     def trusted(self) -> bool:
-        """Whether the plant model, in the loop, follows the record well enough for its prediction to be trusted."""
+        """Whether the plant model, in the loop, reproduces the record well enough for its prediction to be trusted."""
         return self.model_error <= OUT_OF_REACH
 
     @property
@@ -104,14 +106,14 @@ def mismatch(step: Array, wanted: Array) -> float:
 
 
 def warnings(fit: VrftFit, y: Array) -> Iterator[str]:
-    """What is to be said about a fit to a record with the output y, a line each."""
+    """The warnings about a fit to a record with the output y, a line each."""
     size = fit.basis.size
     if fit.excitation_order < min(size, HIGHEST):
         yield f"the record excites {fit.excitation_order} of {size} gains: move more often, or in another rhythm"
     noise = fit.noise_share if fit.noise_share is not None else np.zeros(size)
     noisy = noise > _NOISE_SHARE
     open_sign = (np.abs(fit.gains) < _STANDARD_ERRORS * fit.standard_errors) & ~noisy
-    # Rounding leaves a standard error, too, on a gain that is exactly zero.
+    # By rounding, a gain that is exactly zero has a standard error, too.
     open_sign &= fit.standard_errors > 1e-9 * np.abs(fit.gains).max()
     if noisy.any():
         it = "it" if noisy.sum() == 1 else "them"

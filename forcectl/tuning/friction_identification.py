@@ -2,13 +2,13 @@
 
     tau_F = tau_O + tau_C tanh(130 q') + D+ max(q', 0) + D- min(q', 0),   tau_C, D+, D- >= 0           (5.2)
 
-The friction torque of a tick is what the motor torque leaves over in the balance of the momentum::
+The friction torque of a tick is the residual of the momentum balance::
 
     mean(tau_F) = mean(tau) + mean(C'q' + tau_g) - (p_k - p_{k-1})/T
 
-so no acceleration is needed. Its regressors are the means of (5.2) over the tick, so that noise of the speed and a
-reversal inside a tick do no harm; ticks that stay slower than `slowest` are left out, because friction at rest follows
-the load and not the speed. From what the fit leaves over come the two levels of the threshold (5.3)*.
+so no acceleration is needed. The regressors are the means of (5.2) over the tick, so that noise of the speed and a
+reversal inside a tick do no harm. Slow ticks are left out of the fit, because static friction follows the load and not
+the speed. The two levels of the threshold (5.3)* follow from the residuals.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ from forcectl.tuning.identifiability import BLOCKS, robust_errors
 _LEAST_SAMPLES = 20
 _WORST_CONDITION = 1e4
 _OUTLIERS = 0.99  # share of the ticks that the threshold covers
-_BRAKES = 0.5  # correlation of torque and speed, below minus which friction has the wrong sign
-_NEAR_REST = 0.1  # [rad/s] sech(30 q') is 0.1 there
+_BRAKES = 0.5  # a correlation of torque and speed below minus this means that the torque has the wrong sign
+_NEAR_REST = 0.1  # [rad/s] slower ticks are near rest: sech(30 q') is 0.1 at this speed
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionFit:
-    """What `identify_friction` found for n joints.
+    """Result of `identify_friction` for n joints.
 
     Attributes:
         friction: the parameters.
         deviation: standard error of tau_O, tau_C, D+ and D-, shape (4, n) [Nm, Nm, Nms/rad, Nms/rad], robust against
-            correlated residuals; that of a coefficient at its bound of zero is zero. It does not contain what is wrong
-            with the dynamics, such as joints that are elastic.
-        rms: of what the fit leaves over, shape (n,) [Nm].
+            correlated residuals; that of a coefficient at its bound of zero is zero. It does not contain errors of the
+            dynamic model, such as elastic joints.
+        rms: of the residuals of the fit, shape (n,) [Nm].
         explained: share of the variance of the torque, shape (n,).
         move, still: levels of the threshold that cover 99 % of the ticks, shape (n,) [Nm].
-        used: number of ticks, shape (n,).
-        speed, torque: the ticks, mean joint speed and friction torque, shape (N, n) [rad/s, Nm].
+        used: number of ticks in the fit, shape (n,).
+        speed, torque: mean joint speed and friction torque of all ticks, shape (N, n) [rad/s, Nm].
     """
 
     friction: JointFriction
@@ -111,7 +111,7 @@ def friction_samples(
 
 
 def _late(time: Array, values: Array, good: Mask, bandwidth: float) -> Array:
-    """Values behind the filter of the speeds; it starts anew after readings that are not good."""
+    """Values after the filter of the speeds; the filter is restarted after readings that are not finite."""
     late = values.copy()
     for k in np.flatnonzero(good[1:] & good[:-1]) + 1:
         pole = np.exp(-bandwidth * (time[k] - time[k - 1]))
@@ -127,7 +127,7 @@ def identify_friction(
     Args:
         before, after: joint speeds at the ends of each tick, shape (N, n) [rad/s].
         torque: mean friction torque in it, shape (N, n) [Nm]; see `friction_samples`.
-        slowest: speed below which a tick is left out [rad/s].
+        slowest: a tick is left out if it is slower than this at either end, or if the motion reverses in it [rad/s].
         joints: names for messages; empty: joint 1, joint 2 and so on.
 
     Raises:
@@ -149,7 +149,7 @@ def identify_friction(
 
 
 def _fit_joint(joint: str, before: Array, after: Array, torque: Array, slowest: float) -> tuple[Any, ...]:
-    """Coefficients and all that `FrictionFit` has of one joint, in its order."""
+    """Coefficients and the other results in `FrictionFit` for one joint, in its order."""
     moving = (np.minimum(np.abs(before), np.abs(after)) >= slowest) & (before * after >= 0)
     count = int(moving.sum())
     if count < _LEAST_SAMPLES:
@@ -161,7 +161,7 @@ def _fit_joint(joint: str, before: Array, after: Array, torque: Array, slowest: 
     wanted = torque[moving]
     if _alike(wanted, (before + after)[moving]) < -_BRAKES:
         raise BadInputError(f"{joint}: torque drives the motion: must brake it, and be positive with a positive speed")
-    # The offset may have either sign: it is the difference of two that may not be negative.
+    # The offset may have either sign: it is the difference of two unknowns that are not negative.
     solution = nnls(np.column_stack([features / scale, -features[:, 0] / scale[0]]), wanted)[0]
     coefficients = solution[:4] / scale
     coefficients[0] -= solution[4] / scale[0]
@@ -196,6 +196,6 @@ def _threshold_levels(before: Array, after: Array, torque: Array, coefficients: 
     move = float(np.quantile(error if slow.all() else error[~slow], _OUTLIERS))
     if not slow.any():
         return move, 0.0
-    # What is above the level at speed, as it would be at rest.
+    # Errors above the level at speed, scaled to rest.
     excess = np.maximum(error[slow] - move, 0.0) / friction_threshold(speed[slow], 0.0, 1.0)
     return move, float(np.quantile(excess, _OUTLIERS))

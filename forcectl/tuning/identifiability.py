@@ -1,9 +1,9 @@
-"""How well a record tells gains apart: by the order of its persistent excitation, by the noise in its regressors, and
-by the standard errors of least squares.
+"""How well gains can be identified from a record: the order of its persistent excitation, the noise in its regressors,
+and the standard errors of least squares.
 
-Noise in a regressor biases the gain that belongs to it towards zero (errors in variables). It is read off the output
-where the input rests and sent through the same filters; its share in what is left of a regressor after all others are
-taken out of it is the share by which that gain is biased, to first order.
+Noise in a regressor biases the gain that belongs to it towards zero (errors in variables). It is measured on the output
+where the input rests, and passed through the same filters. To first order the relative bias of a gain is the share of
+noise in the part of its regressor that is independent of all others.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ from scipy.linalg import solve_triangular
 
 from forcectl.arrays import Array
 
-BLOCKS = 32  # of the record, for standard errors
-HIGHEST = 10  # order of excitation that is looked for
-_SMALLEST = 1e-3  # singular value, relative to the largest, that still counts
-_QUIET = 100  # samples that the input rests before noise is read off the output, and as many that it is read from
-_DEPENDENT = 1e-13  # smallest singular value of scaled regressors that are told apart at all
+BLOCKS = 32  # number of blocks of the record, for standard errors
+HIGHEST = 10  # highest order of excitation that is tested
+_SMALLEST = 1e-3  # smallest singular value, relative to the largest, that counts as non-zero
+_QUIET = 100  # samples that the input must rest before noise is measured on the output, and fewest measured samples
+_DEPENDENT = 1e-13  # smallest singular value of scaled regressors that are not taken for dependent
 
 
 def excitation_order(signal: ArrayLike) -> int:
     """Order of persistent excitation of a signal (k,), from 0 (it is zero) to `HIGHEST`.
 
     A signal is persistently exciting of order n when n of its samples in a row are linearly independent over the
-    record: a constant has order 1, a sinusoid order 2. Neighbouring samples of a slow signal sampled fast are alike, so
-    the samples are taken as far apart as the signal changes; that leaves the order what it is and makes it measurable.
+    record: a constant has order 1, a sinusoid order 2. Neighbouring samples of a slow signal sampled fast are almost
+    equal. So samples are taken further apart, by the time in which the signal changes; the order is the same then, and
+    measurable.
     """
     x = np.asarray(signal, dtype=float)
     power = float(np.sqrt(np.mean(x**2))) if x.size else 0.0
@@ -66,7 +67,7 @@ def noise_in_regressors(
     lengths = np.linalg.norm(triangle, axis=0)
     if not lengths.all() or np.linalg.svd(triangle / lengths, compute_uv=False)[-1] < _DEPENDENT:
         return rms, np.ones(lengths.size)
-    # Row i of (R^T R)^-1 is the combination of regressors that sees gain i alone, but for its length.
+    # Row i of (R^T R)^-1 is, except for its length, the combination of regressors that depends on gain i alone.
     root = solve_triangular(triangle / lengths, np.eye(lengths.size))
     inverse = root @ root.T
     alone = regressors(noise) @ (inverse / lengths).T
@@ -75,10 +76,10 @@ def noise_in_regressors(
 
 
 def resting_noise(u: Array, y: Array) -> tuple[Array, float]:
-    """What is left of y minus a parabola, in the second half of every stretch where u rests; zero elsewhere.
+    """Residual of y after a parabola is subtracted, in the second half of each stretch where u rests; zero elsewhere.
 
     Returns:
-        The noise (k,) and the share of the record that it was read from, 0 when u never rests.
+        The noise (k,) and the share of the record on which it was measured, 0 when u never rests.
     """
     edges = np.concatenate([[0], np.flatnonzero(np.diff(u)) + 1, [u.size]])
     noise, used = np.zeros_like(y), 0
@@ -93,7 +94,7 @@ def resting_noise(u: Array, y: Array) -> tuple[Array, float]:
 
 
 def robust_errors(inverse: Array, scores: Array) -> Array:
-    """Standard errors of least squares that hold with correlated residuals: from the scatter of blocks of the record.
+    """Standard errors of least squares, valid with correlated residuals: from the scatter of blocks of the record.
 
     Args:
         inverse: (X^T X)^-1 of the regressors X, shape (p, p).

@@ -1,13 +1,14 @@
-"""VRFT on motor positions: the record of an experiment without what friction did in it::
+"""VRFT on motor positions: the record of an experiment with the effect of friction left out::
 
     C_rho (h e_v) = x_m + C_R_hat (h y)
 
 x_m is the displacement of the motors along n, C_R_hat the compliance that is fed back by (4.12), h the joint-reference
-filter with the command delay. Without friction x_m = h dx_bar, and this is VRFT with both sides behind h. With friction
-the command is not the input that acted, and VRFT on it learns from motion that never was; the motors tell what acted.
-So it is VRFT of the record u = x_m + C_R_hat (h y), y = h y.
+filter with the command delay. Without friction x_m = h dx_bar, and this is VRFT with both sides filtered by h. With
+friction the motors do not follow the command, and VRFT on the command uses a motion that did not happen; the motor
+positions are the input that acted. So it is VRFT of the record u = x_m + C_R_hat (h y), y = h y.
 
-It tunes for an arm without friction. Where the gains of the two differ, drives stuck in the record.
+The gains are those for an arm without friction. Where they differ from gains tuned on the command, drives were in
+static friction during the record.
 """
 
 from __future__ import annotations
@@ -25,21 +26,28 @@ from forcectl.framework.fields import Config, key
 from forcectl.plant.drives.position_loop import LONGEST_COMMAND_DELAY, second_order, zero_order_hold
 
 INPUTS = ("command", "motor")
-STICKS = 0.05  # share by which K_P may differ, before drives are said to stick
+STICKS = 0.05  # relative difference of the two K_P above which drives are reported to stick
 
 
 @dataclass(kw_only=True)
 class DriveFilter(Config):
-    """h as it is known: the nominal joint-reference filter with its command delay."""
+    """h: the nominal joint-reference filter with its command delay."""
 
-    bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="positive")
-    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="from 0.01 to 10")
-    delay: float = key(0.002, "command delay", unit="s", bounds=f"not negative, at most {LONGEST_COMMAND_DELAY:g}")
+    bandwidth: float = key(75.4, "bandwidth w of the nominal joint-reference filter", unit="rad/s", bounds="positive")
+    damping_ratio: float = key(
+        1.0, "damping ratio z of the nominal joint-reference filter", unit="1", bounds="from 0.01 to 10"
+    )
+    delay: float = key(
+        0.002,
+        "delay of the command before the nominal joint-reference filter",
+        unit="s",
+        bounds=f"not negative, at most {LONGEST_COMMAND_DELAY:g}",
+    )
 
     def response(self, values: ArrayLike, period: float) -> Array:
         """h of a signal (k,) that was zero before its first sample, sampled every `period` [s]."""
         a, b = zero_order_hold(*second_order(self.bandwidth, self.damping_ratio), period)
-        ticks = round(self.delay / period)  # a record may have any period
+        ticks = round(self.delay / period)  # the period of a record need not divide the delay
         below = np.poly(a)
         # Of x[k+1] = A x + B u, y = [1 0] x.
         above = np.array([b[0, 0], a[0, 1] * b[1, 0] - a[1, 1] * b[0, 0]])
@@ -47,7 +55,7 @@ class DriveFilter(Config):
 
 
 def motor_record(motor: ArrayLike, y: ArrayLike, *, robot_compliance: float, period: float) -> tuple[Array, Array]:
-    """The input and the output that VRFT is given; h is the nominal filter.
+    """Input and output of VRFT on motor positions; h is the nominal filter.
 
     Args:
         motor: x_m, shape (k,) [m], from its value at rest.
@@ -66,5 +74,5 @@ def motor_record(motor: ArrayLike, y: ArrayLike, *, robot_compliance: float, per
 
 
 def disagreement(command: float, motor: float) -> float:
-    """By how much a gain found on commands is off that found on motor positions, as a share of the latter."""
+    """Relative difference of a gain found on commands from the one found on motor positions; infinite for 0 there."""
     return abs(command / motor - 1.0) if motor else float("inf")

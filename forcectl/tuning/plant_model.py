@@ -2,10 +2,9 @@
 
     G(z) = z^-d B(z)/F(z),    orders 1 to 4, d >= 1:  smallest output error |y - G u|
 
-Only the input and what the model makes of it enter, so that noise of the output does not bias the models. Each is found
-by Steiglitz and McBride's iteration at several delays, then by Gauss and Newton's. Which order to choose is another
-question (`forcectl.tuning.prediction`): where friction bends the record, a higher order fits it better and predicts the
-loop worse.
+The output G u of the model is simulated from the input alone, so that noise of y does not bias the models. Each is
+found by Steiglitz and McBride's iteration at several delays, then by Gauss and Newton's. `forcectl.tuning.prediction`
+chooses the order: where friction distorts the record, a higher order fits it better and predicts the loop worse.
 """
 
 from __future__ import annotations
@@ -19,16 +18,16 @@ from scipy.signal import lfilter
 from forcectl.arrays import Array
 from forcectl.tuning.reference_model import delayed
 
-LONGEST = 12_000  # [samples] that are looked at
+LONGEST = 12_000  # [samples] most that are used of a record
 _ORDERS = (1, 2, 3, 4)
 _DELAYS = (1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 100, 140, 200)  # first candidates [samples]
-_SEARCH = 6000  # [samples] that the delay is searched with
-_SEARCH_ROWS = 1500  # of them that are compared
+_SEARCH = 6000  # [samples] used in the search of the delay
+_SEARCH_ROWS = 1500  # equations that are used of these samples
 _SEARCHES = 4  # iterations at each delay
-_REFINEMENTS = 12  # iterations at the best one
-_SLOWEST = 0.99999  # pole that an iteration may leave
-_FAST = 0.1  # pole in place of one that no sampled plant has
-_EXACT = 1e-18  # of the output's power: a smaller misfit is rounding
+_REFINEMENTS = 12  # iterations at the best delay
+_SLOWEST = 0.99999  # largest pole after an iteration
+_FAST = 0.1  # pole that replaces one with a negative real part, which no sampled plant has
+_EXACT = 1e-18  # a misfit below this share of the output's power is rounding
 
 
 @dataclass(frozen=True)
@@ -39,9 +38,9 @@ class IdentifiedPlant:
         numerator, denominator: B (n,) [N/m] and F (n + 1,) in powers of z^-1.
         delay: d [samples].
         period: Ts [s].
-        explained: share of the output's movement that the model reproduces from the input alone [-].
-        criterion: Bayes' information criterion of the order: the smaller one is the more likely, if residuals are
-            noise.
+        explained: share of the output's variance that the model reproduces from the input alone [-].
+        criterion: Bayesian information criterion of the order: the order with the smaller one is more likely, if
+            residuals are noise.
     """
 
     numerator: Array
@@ -74,18 +73,20 @@ class IdentifiedPlant:
 
 
 def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[IdentifiedPlant]:
-    """The plants of order 1 to 4 that come nearest to a record of deviations from rest, lowest order first.
+    """The plants of order 1 to 4 that fit a record of deviations from rest best, lowest order first.
+
+    At most 12 000 samples are used, from the first movement on.
 
     Args:
         u: input (k,), not constant.
         y: output (k,).
-        period: Ts [s]. Looks at 12 000 samples from the first movement on.
+        period: Ts [s].
     """
     u, y = from_first_movement(u, y)
     power = float(np.sum((y - y.mean()) ** 2))
     plants = []
     for order in _ORDERS:
-        # A delay and lags look alike to smooth moves: the search may end at the wrong one.
+        # In smooth moves a delay and lags have nearly the same effect: the search may end at a wrong delay.
         starts = (_searched(u, y, order), _steiglitz_mcbride(u, y, order, 1, _SEARCHES))
         found = min((_refined(u, y, start) for start in starts), key=lambda found: found.misfit)
         share = 1 - found.misfit / power if power else 0.0
@@ -96,7 +97,7 @@ def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[Identifie
 
 
 def from_first_movement(u: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-    """The part of a record that models are made of."""
+    """The part of a record that models are identified from."""
     u, y = np.asarray(u, dtype=float), np.asarray(y, dtype=float)
     begin = int(np.argmax(u != 0.0))
     return u[begin : begin + LONGEST], y[begin : begin + LONGEST]
@@ -171,12 +172,12 @@ def _refined(u: Array, y: Array, best: _Found) -> _Found:
 
 
 def _sensitivities(by_u: Array, by_y: Array, order: int) -> list[Array]:
-    """What B and F change in an output y of theirs, from u/F and y/F: u/F and -y/F, each sample by sample later."""
+    """Derivatives of the output y with respect to B and F: u/F and -y/F, delayed by one sample more each."""
     return [*(delayed(by_u, d) for d in range(order)), *(delayed(-by_y, d) for d in range(1, order + 1))]
 
 
 def _least_squares(rows: Array, damping: float = 0.0) -> Array:
-    """x of the smallest `|A x - b|` for rows [A, b], in units of the columns' lengths held back by `damping`."""
+    """x of the smallest `|A x - b|` for rows [A, b], with `damping` of x in units of the columns' lengths."""
     triangle = triangle_of(rows)
     matrix, lengths = unit_columns(triangle[:, :-1])
     held = damping * np.linalg.norm(matrix, 2) * np.eye(lengths.size)
@@ -197,13 +198,13 @@ def unit_columns(matrix: Array) -> tuple[Array, Array]:
 
 
 def _physical(below: Array) -> bool:
-    """Whether F is that of a sampled stable plant: poles inside the unit circle, on the right, as they do not ring."""
+    """Whether F is that of a sampled stable plant: poles inside the unit circle with real parts not negative."""
     poles = np.roots(below)
     return bool((np.abs(poles) < 1.0).all() and (poles.real >= 0.0).all())
 
 
 def _stable(below: Array) -> Array:
-    """F with poles outside of the unit circle mirrored into it, and ringing ones made fast."""
+    """F with poles outside of the unit circle mirrored into it, and those with negative real parts replaced."""
     poles = np.roots(below)
     size = np.abs(poles)
     if (size < _SLOWEST).all() and (poles.real >= 0.0).all():

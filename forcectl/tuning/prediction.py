@@ -1,17 +1,17 @@
-"""What a tuned loop will do, from the record it was tuned on: predicted with a plant model, and read off the record.
+"""Prediction of a tuned loop from the record it was tuned on: with a plant model, and without one.
 
-A plant model G gives T = C G/(1 + C G) and its step response. Two figures say how far to trust it, both of them from
-the record (u, y) itself. With the gains at hand the loop would have made exactly this record from the reference
+A plant model G gives T = C G/(1 + C G) and its step response. Two figures measure how reliable that is, both computed
+from the record (u, y) itself. With the tuned gains the loop would have produced exactly this record from the reference
 
     r = y + C^-1 u                                                          (the fictitious reference)
 
 because C (r - y) = u; this holds for any plant, friction included. Hence::
 
-    record mismatch   |y - M r| / |r - M r|         the reference model missed on r, without a plant model
-    model error       |y - T r| / |r - M r|         the prediction missed on r;  y - T r = (y - G u)/(1 + C G)
+    record mismatch   |y - M r| / |r - M r|         error of the reference model on r, without a plant model
+    model error       |y - T r| / |r - M r|         error of the prediction on r;  y - T r = (y - G u)/(1 + C G)
 
-in units of the predicted mismatch `|s_T - s_M|` / `|1 - s_M|` of step responses. Where r is not to be had (C has a zero
-outside of the unit circle) the virtual reference y/M takes its place in the model error.
+in units of the predicted mismatch `|s_T - s_M|` / `|1 - s_M|` of step responses. Where r cannot be computed (C has a
+zero outside of the unit circle) the virtual reference y/M takes its place in the model error.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from forcectl.tuning.controller_basis import ControllerBasis, same_length
 from forcectl.tuning.plant_model import IdentifiedPlant, from_first_movement
 from forcectl.tuning.reference_model import ReferenceModel, delayed
 
-_DIVERGED = 1e3  # of a unit step
-_FADED = 1e-3  # of its largest value: what C^-1 may have left after the record
+_DIVERGED = 1e3  # response to a unit step above which the loop has diverged
+_FADED = 1e-3  # share of its largest value to which the pulse response of C^-1 must decay within the record
 _NOISE = 0.5  # correlation of neighbouring residuals below which they are taken for noise
-_AS_GOOD = 3.0  # a lower order whose model error is within this factor is believed
-_SOUND, _SIMPLE = 0.1, 2  # model error up to which, and order
-_BEYOND_DOUBT = 100.0  # times less of the output's power unexplained
-_MOST_POLES = 300  # of a loop, that are computed
-_ROUNDS = 40  # of the delay, for a loop to show whether pulses fade
-_LONGEST_INVERSE = 200  # coefficients of C
+_AS_GOOD = 3.0  # a model may be chosen if its error is within this factor of the smallest
+_SOUND, _SIMPLE = 0.1, 2  # largest model error and order of a model preferred where residuals are not noise
+_BEYOND_DOUBT = 100.0  # factor of unexplained output power by which a model must be better to be chosen regardless
+_MOST_POLES = 300  # most poles of a loop that are computed
+_ROUNDS = 40  # number of loop delays in which a pulse must decay
+_LONGEST_INVERSE = 200  # most coefficients of a C that is inverted
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class PolynomialLoop:
 
     @property
     def stable(self) -> bool:
-        """Whether all poles are inside the unit circle; of loops with long delays, whether pulses fade."""
+        """Whether all poles are inside the unit circle; of loops with long delays, whether a pulse decays."""
         polynomial = np.trim_zeros(self.closed, "b")
         if polynomial.size <= _MOST_POLES:
             return float(np.abs(np.roots(polynomial)).max(initial=0.0)) < 1.0
@@ -80,7 +80,7 @@ def closed_loop(plant: IdentifiedPlant, basis: ControllerBasis, gains: ArrayLike
 
 
 class RecordCheck:
-    """The two figures, for a record and a reference model.
+    """Record mismatch and model error, for a record and a reference model.
 
     Args:
         u, y: deviations from rest (k,).
@@ -111,17 +111,17 @@ class RecordCheck:
         return _ratio(self._y - wanted, reference - wanted)
 
     def error(self, plant: IdentifiedPlant, gains: ArrayLike) -> float:
-        """The model error [-], without what the loop makes of white noise; infinite where the loop is unstable."""
+        """The model error [-], without the loop's response to white noise; infinite where the loop is unstable."""
         return self._errors(plant, gains)[1]
 
     def _errors(self, plant: IdentifiedPlant, gains: ArrayLike) -> tuple[float, float]:
-        """The model error with and without what the loop makes of white noise in the output."""
+        """The model error with and without the loop's response to white noise in the output."""
         loop, residual = closed_loop(plant, self._basis, gains), self._y - plant.response(self._u)
         missed: Array = lfilter(loop.below, loop.closed, residual)
         pulse: Array = lfilter(loop.below, loop.closed, np.eye(1, residual.size)[0])
         if not np.abs(pulse).max() < _DIVERGED:
             return np.inf, np.inf
-        # White noise is what neighbouring residuals differ by.
+        # The power of white noise follows from the differences of neighbouring residuals.
         noise = 0.5 * float(np.mean(np.diff(residual) ** 2)) * float(np.cumsum(pulse**2).sum())
         share = max(1 - noise / max(float(missed @ missed), np.finfo(float).tiny), 0.0)
         error = _ratio(missed, self._away(gains))
@@ -139,17 +139,17 @@ class RecordCheck:
         return self._y - self._model.response(self._y)
 
     def believed(self, plants: Sequence[IdentifiedPlant], gains: ArrayLike) -> IdentifiedPlant:
-        """The plant model to predict with, out of those that are about as good as the best in the loop.
+        """The plant model used for the prediction, out of those whose model error is near the smallest.
 
-        That of the most likely order where its residuals are noise. Residuals that are not noise come of a plant that
-        is not linear, and then a higher order follows the record closer and is less true: of one or two lags the more
-        likely one that is sound, else the lowest order.
+        It is that of the most likely order where its residuals are noise. Residuals that are not noise come from a
+        nonlinear plant; then a higher order fits the record better and predicts worse. So the more likely one of order
+        1 or 2 is taken if its model error is small, else the lowest order.
         """
         rated = [(plant, self._errors(plant, gains)[0]) for plant in plants]
         least = min(error for _, error in rated)
         good = [(plant, error) for plant, error in rated if error <= _AS_GOOD * least]
         likely = _likeliest(plant for plant, _ in good)
-        # A loop that is unstable has no error; the model that says so counts if it is beyond doubt.
+        # A model whose loop is unstable has no finite error; it is taken if it fits the record far better.
         other = _likeliest(plants)
         if other is not likely and _BEYOND_DOUBT * (1 - other.explained) < 1 - likely.explained:
             return other

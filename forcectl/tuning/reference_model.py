@@ -34,7 +34,7 @@ class ReferenceModel:
     Args:
         zeros, poles: of M(z), those at the origin left out; poles inside the unit circle.
         gain: of the form above, not zero.
-        delay: samples from reference to output, >= 1: a sampled loop cannot answer within the same sample.
+        delay: samples from reference to output, >= 1: a sampled loop cannot respond within the same sample.
         period: Ts [s].
 
     Raises:
@@ -198,14 +198,25 @@ class ReferenceModelConfig(Config):
     bandwidth [rad/s] and order; poles [rad/s, continuous]; numerator and denominator (continuous unless `discrete`).
     """
 
-    bandwidth: float | None = key(None, "w_c", unit="rad/s", bounds="positive")
-    order: int = key(1, "of the model with a bandwidth", bounds="from 1 to 100")
-    exact: bool = key(False, "order 1: A = exp(-Ts w_c) instead of 1 - Ts w_c")
-    poles: list[float | list[float]] | None = key(None, "each a number or [real part, imaginary part]", unit="rad/s")
-    numerator: list[float] | None = key(None, "coefficients from the highest power down")
-    denominator: list[float] | None = key(None, "coefficients from the highest power down")
-    discrete: bool = key(False, "numerator and denominator are polynomials of z, not of s")
-    delay: int = key(0, "further samples", bounds="from 0 to 100000")
+    bandwidth: float | None = key(
+        None, "bandwidth w_c of the reference model; null: given in another way", unit="rad/s", bounds="positive"
+    )
+    order: int = key(1, "order of a reference model given by its bandwidth", bounds="from 1 to 100")
+    exact: bool = key(False, "whether a model of order 1 has the pole A = exp(-Ts w_c) instead of 1 - Ts w_c")
+    poles: list[float | list[float]] | None = key(
+        None,
+        "continuous poles of the reference model, each a number or [real part, imaginary part]; null: given in "
+        "another way",
+        unit="rad/s",
+    )
+    numerator: list[float] | None = key(
+        None, "numerator coefficients of the reference model, highest power first; null: given in another way"
+    )
+    denominator: list[float] | None = key(
+        None, "denominator coefficients of the reference model, highest power first; null: given in another way"
+    )
+    discrete: bool = key(False, "whether numerator and denominator are polynomials of z instead of s")
+    delay: int = key(0, "further samples of delay in the reference model", bounds="from 0 to 100000")
 
     def __post_init__(self) -> None:
         super().__post_init__()

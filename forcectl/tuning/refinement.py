@@ -2,8 +2,8 @@
 
     min over theta of |s_T - s_M|,    T = C G/(1 + C G),    dT/dtheta_i = beta_i G/(1 + C G)^2
 
-s: step responses. Levenberg and Marquardt from the gains of VRFT, which minimise the same but for a weighting by the
-experiment's own input, and from cautious ones where the loop of those is unstable.
+s: step responses. The method is Levenberg and Marquardt's. It starts from the gains of VRFT, which minimise the same
+with a weighting by the experiment's input, and from smaller gains where that ends at a large mismatch.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from forcectl.tuning.controller_basis import ControllerBasis
 from forcectl.tuning.plant_model import IdentifiedPlant
 from forcectl.tuning.prediction import closed_loop
 
-MOST_GAINS = 20  # that are refined
+MOST_GAINS = 20  # largest number of gains that are refined
 _ITERATIONS = 60
-_CAUTIOUS = (0.5, 0.2)  # of the gains of VRFT
-_SETTLED = 1e-3  # relative gain of an iteration that ends the search
+_CAUTIOUS = (0.5, 0.2)  # factors on the gains of VRFT, for further starts
+_SETTLED = 1e-3  # relative decrease of the cost in an iteration below which the search ends
 _NEAR = 0.05  # a mismatch below which no other start is tried
 
 
@@ -37,7 +37,7 @@ def nearest_gains(plant: IdentifiedPlant, basis: ControllerBasis, start: Array, 
         return found[0][1]
     starts = [share * start for share in _CAUTIOUS]
     if "K_I" in basis.names and plant.static_gain:
-        # The integral gain alone that reaches the reference in the time of the model.
+        # A loop with an integral gain alone that has the lag of the reference model.
         integral = basis.names.index("K_I")
         lag = max(float(np.sum(1 - wanted)), 1.0) * basis.period
         over, under = basis.filters[integral]

@@ -30,11 +30,11 @@ from forcectl.tuning.prediction import RecordCheck, closed_loop
 from forcectl.tuning.reference_model import ReferenceModel, delayed
 from forcectl.tuning.refinement import MOST_GAINS, nearest_gains
 
-_LARGEST = 1e15  # [m] or [N], and one over it the smallest range: sums of squares stay finite
-_HORIZON = 8  # time constants of the reference model that are predicted
-_PLANT_HORIZON = 20  # rise times of the plant that are predicted on top
+_LARGEST = 1e15  # [m] or [N] largest value, and its inverse the smallest range: sums of squares stay finite
+_HORIZON = 8  # length of the prediction, in time constants of the reference model
+_PLANT_HORIZON = 20  # rise times of the plant that are added to it
 _LONGEST_HORIZON = 8_000  # [samples]
-_BETTER = 1.05  # refined gains are taken from this factor on
+_BETTER = 1.05  # factor by which refined gains must reduce the mismatch to be taken
 
 
 def fit_vrft(
@@ -56,8 +56,8 @@ def fit_vrft(
         basis: beta. Both with the period of the data.
         prefilter: use L = M (1 - M); otherwise L = 1 (delayed), which noise biases strongly.
         instrument: output (k,) [N] of a second experiment with the same input, for noisy data.
-        refine: take gains whose step response comes nearer to the reference model's on the plant model (at most 20
-            gains), where they do so by more than the plant model is wrong; `vrft_gains` then has those of VRFT.
+        refine: search for gains (at most 20) whose step response on the plant model is closer to the reference model,
+            and take them if the mismatch decreases by more than the model error; `vrft_gains` then has those of VRFT.
 
     Raises:
         BadInputError: data that are not two finite arrays of one length, too short or constant; periods that differ;
@@ -117,7 +117,7 @@ def fit_vrft(
     if refine and best is not None:
         unknown = np.full(best.size, np.nan)
         new = replace(fit, standard_errors=unknown, vrft_gains=gains, **judged(best))
-        # Better by more than the plant model is wrong.
+        # The mismatch must decrease by more than the error of the plant model.
         better = fit.model_mismatch > _BETTER * new.model_mismatch + new.model_error
         fit = new if better and new.model_error <= OUT_OF_REACH else fit
     return replace(fit, warnings=tuple(warnings(fit, y)))
