@@ -29,7 +29,7 @@ from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import ConstraintSet, JointTorqueLimit, Rows
 
 _CHANGE = 10.0  # weight of the change of u where it cannot be bounded, beside a curvature of about one
-_HOLDS = -1e-9  # a row that is missed by less holds with equality
+_HOLDS = -1e-9  # a row whose left side minus right side is above this counts as active
 
 
 class Smooth(NamedTuple):

@@ -149,7 +149,7 @@ class PrioritizedProgram:
         fallback: Array,
         settled: bool = False,
     ) -> PrioritizedSolution:
-        """Solve with these coefficients; it raises for no values of them, and returns NaN only with such a fallback.
+        """Solve with these coefficients; no values of them make it raise, and only a fallback with NaN gives NaN.
 
         Args:
             levels: in order of priority.

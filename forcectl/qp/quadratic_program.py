@@ -129,7 +129,7 @@ class QuadraticProgram:
         u_upper: Array | None = None,
         fallback: Array,
     ) -> Solution:
-        """Solve with these coefficients; it raises for no values of them, and returns NaN only with such a fallback.
+        """Solve with these coefficients; no values of them make it raise, and only a fallback with NaN gives NaN.
 
         Args:
             hessian: H, symmetric, positive definite, shape (n, n).

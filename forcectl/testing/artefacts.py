@@ -1,4 +1,4 @@
-"""What is kept of a test, and written down when it fails: logs, figures, pages of diagrams."""
+"""Artefacts of a test, written to files when it fails: logs, figures, pages of diagrams."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from forcectl.testing.golden.compare import Difference
 from forcectl.testing.golden.files import write_log
 from forcectl.testing.runs import Log
 
-_MOST = 5  # of each kind; the last ones
+_MOST = 5  # artefacts of each kind that are kept, the last ones
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class KeptLog:
 
 @dataclass
 class Artefacts:
-    """Of one test.
+    """The artefacts of one test.
 
     Attributes:
         folder: where they are written.

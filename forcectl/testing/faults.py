@@ -1,7 +1,8 @@
-"""Faults of a signal between the blocks of any diagram: drop-out, spike, frozen value, noise, no number.
+"""Faults of a signal between the blocks of any diagram: drop-out, spike, frozen value, noise, NaN.
 
-A fault is what the readers of a port get instead of its value. Drake lets a context say that: a fixed value of an input
-goes before what is connected. So the diagram stays as it is, and before and after the fault every wire is whole.
+A fault replaces the value that the readers of a port get. In Drake a value that the context fixes at an input port
+takes precedence over the connection of the port. So the diagram is not changed, and all its connections work before and
+after the fault.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Fault:
             raise invalid("duration", self.duration, "positive [s]")
 
     def begin(self, value: Array) -> Callable[[], Change]:
-        """What is called at every tick for the change of that tick.
+        """A function that is called at every tick and returns the change of that tick.
 
         Args:
             value: of the faulty elements at the first tick.
@@ -80,10 +81,10 @@ class Frozen(Fault):
 
 @dataclass(frozen=True)
 class Spike(Fault):
-    """The signal is off for a moment.
+    """A constant is added to the signal for a moment.
 
     Attributes:
-        size: that is added, unit of the signal.
+        size: the constant, unit of the signal.
         duration: [s]; by default one tick.
     """
 
@@ -144,7 +145,7 @@ class _FaultyPort:
                 raise invalid(f"faults[{name!r}].index", fault.index, f"0 ... {self._source.size() - 1}")
         self._at_work: dict[int, Callable[[], Change]] = {}
         self._changes: list[tuple[slice, Change]] = []
-        self.always_finite = True  # what the readers got so far
+        self.always_finite = True  # whether all values that readers got so far were finite
 
     @property
     def has_begun(self) -> bool:
@@ -152,7 +153,7 @@ class _FaultyPort:
         return bool(self._at_work)
 
     def active(self, time: float, period: float) -> frozenset[int]:
-        """Numbers of the faults that are at work in the tick that begins at `time` [s]."""
+        """Indices of the faults that are active in the tick that begins at `time` [s]."""
         slack = 1e-6 * period
         return frozenset(
             i
@@ -171,7 +172,7 @@ class _FaultyPort:
             self._changes.append((part, self._at_work[i]()))
 
     def apply(self, context: Context, sound: Context) -> None:
-        """Give the readers what they get instead of the value."""
+        """Give the readers the faulty value."""
         if not self._changes:
             return
         value = self._value(context, sound).copy()
@@ -190,7 +191,7 @@ def _resolved(wiring: Wiring, name: str) -> tuple[PortAddress, list[PortAddress]
     """Where the value of a port comes from, and the leaf inputs that read it.
 
     Raises:
-        BadInputError: no port has this name, several have it, or it leads to nothing.
+        BadInputError: no port has this name, several have it, nothing is connected to it, or no block reads it.
     """
     outputs = named_outputs(wiring, name)
     ports = outputs or find_inputs(wiring, name)
@@ -242,16 +243,16 @@ class FaultyPorts:
 
     @property
     def always_finite(self) -> bool:
-        """Whether all that the readers got so far were numbers."""
+        """Whether all values that readers got so far were finite."""
         return all(port.always_finite for port in self._ports)
 
     def begin_tick(self, context: Context) -> Context:
-        """What the run goes on with from this tick on: the same context, or another one where faults begin or end."""
+        """The context of the run from this tick on: the same one, or another one where faults begin or end."""
         active = [port.active(context.get_time(), self._period) for port in self._ports]
         ended = any(before - now for before, now in zip(self._active, active, strict=True))
         begun = any(now - before for before, now in zip(self._active, active, strict=True))
         self._active = active
-        if ended:  # nothing takes back a fixed value
+        if ended:  # a fixed value cannot be removed from a context
             clean = self.sound.Clone()
             clean.SetTimeStateAndParametersFrom(context)
             context = clean
@@ -263,6 +264,6 @@ class FaultyPorts:
         return context
 
     def apply(self, context: Context) -> None:
-        """Give the readers of the faulty ports what they get, by the values of now."""
+        """Give the readers of the faulty ports their faulty values, from the present values."""
         for port in self._ports:
             port.apply(context, self.sound)

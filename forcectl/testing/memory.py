@@ -1,4 +1,4 @@
-"""Building, running and dropping a system gives its memory back."""
+"""An assertion that building, running and dropping a system releases its memory."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from forcectl.inspect.wiring import is_python_block
 
 @dataclass(frozen=True)
 class MemoryRecord:
-    """What was measured.
+    """Results of the measurement.
 
     Attributes:
         systems: how many systems one build makes.
-        checked_references: whether each of them was seen to be gone.
-        growth_kb: growth of the process per build, without what Drake itself loses of as many systems [kB].
-        drake_kb: what Drake itself loses of as many systems per build [kB]; 0 where it frees them.
+        checked_references: whether it was checked that each of them was freed.
+        growth_kb: growth of the process per build, without the leak of Drake itself for as many systems [kB].
+        drake_kb: leak of Drake itself for as many systems, per build [kB]; 0 where it frees them.
     """
 
     systems: int
@@ -49,18 +49,18 @@ def assert_memory_released(
     """Build, run and drop a system several times: no Python system survives, and the process does not grow.
 
     Older releases of Drake (1.51, for example) keep a diagram for good when one of its Python blocks is not derived
-    from `PythonBlock`; there systems that survive with such a block are no error (`checked_references` is False). What
-    such a release loses of as many systems with nothing in them is measured, and is not counted in the growth.
+    from `PythonBlock`; there systems that survive with such a block are no error (`checked_references` is False). The
+    leak of such a release for as many empty systems is measured, and subtracted from the growth.
 
     Args:
         build: makes the system.
         duration: how long each system is simulated [s].
         builds: how many are made for the measurement, after three that warm up.
-        allowed_kb: allowed growth of the process per build, beyond what Drake itself loses [kB].
+        allowed_kb: allowed growth of the process per build, beyond the leak of Drake itself [kB].
         run: what to do with each system instead of simulating it for `duration`.
 
     Raises:
-        AssertionError: systems that are still alive and who holds them, or the growth.
+        AssertionError: with the systems that are still alive and what refers to them, or with the growth.
         BadInputError: fewer than one build.
     """
     __tracebackhide__ = True
@@ -85,7 +85,7 @@ def assert_memory_released(
 
 
 def _is_plain_python(system: System) -> bool:
-    """Whether it is written in Python, without what older releases of Drake need to free it."""
+    """Whether it is a Python block that older releases of Drake cannot free."""
     return is_python_block(system) and not isinstance(system, PythonBlock | PythonDiagram)
 
 
@@ -114,7 +114,7 @@ def _use(
 
 
 class _Smallest(LeafSystem):
-    """A Python block with nothing in it but what every block has: a port and a callback."""
+    """The smallest Python block: one port and one callback."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -136,13 +136,13 @@ def _smallest(others: int) -> System:
 
 @cache
 def _drake_releases_blocks() -> bool:
-    """Whether this Drake lets go of the simplest Python block that was part of a diagram."""
+    """Whether this Drake frees the smallest Python block that was part of a diagram."""
     return all(reference() is None for reference in _use(lambda: _smallest(0), 0.0, None))
 
 
 @cache
 def _drake_loses_kb() -> float:
-    """What this Drake loses per system of a diagram with a Python block [kB]."""
+    """Leak of this Drake per system of a diagram with a Python block [kB]."""
     others = 40
     _use(lambda: _smallest(others), 0.0, None)
     return _growth_kb(lambda: _smallest(others), 0.0, None, 10) / (others + 2)
@@ -162,8 +162,8 @@ def _holders(system: System, alive: list[System]) -> str:
 
 
 def _memory_kb() -> float:
-    """Memory of this process [kB]: resident now where /proc tells it, else the highest so far."""
-    # The C library gives its free memory back, where it can: a leak would hide in it for a long time.
+    """Memory of this process [kB]: resident now where /proc has it, else the highest so far."""
+    # Make the C library release its free memory, where it can: a leak could be hidden in it for a long time.
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)

@@ -1,4 +1,4 @@
-"""A NaN that goes in must not silently come out."""
+"""An assertion that NaN at an input does not silently reach an output."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def assert_passes_no_nan(
         outputs: names of the vector outputs to look at, see `run_diagram`.
 
     Raises:
-        AssertionError: NaN came out (inputs, outputs and times are named), or it comes out without any going in.
+        AssertionError: NaN reached an output (inputs, outputs and times are named), or an output is not finite even
+            without NaN at an input.
         BadInputError: the system has no vector input.
     """
     __tracebackhide__ = True

@@ -1,4 +1,4 @@
-"""The same run twice gives the same bits on every vector output."""
+"""Assertions that the same run gives the same bits on every vector output, each time."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ def assert_same_after_reset_and_clone(
     inputs: Mapping[str, Input] | None = None,
     outputs: Sequence[str] | None = None,
 ) -> Log:
-    """Everything the system remembers is in its Context.
+    """All state of the system is in its Context.
 
     Compares, bit by bit, a run with the same run after the Context was set back to defaults; then, from half of the
-    run on, the system with a clone of its Context, run one after the other. A block that remembers something in a
-    Python attribute is found by either.
+    run on, the system with a clone of its Context, run one after the other. A block that keeps state in a Python
+    attribute fails at least one of the two.
 
     Args:
         system: any diagram or block.

@@ -1,4 +1,4 @@
-"""Step responses, and what a control engineer asks of them."""
+"""Step responses, and assertions about their overshoot and settling time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from forcectl.testing.runs import Input, run_diagram, vector_inputs, vector_outp
 
 @dataclass(frozen=True, eq=False)
 class StepResponse:
-    """What one element of an output did after a step at t = 0.
+    """The response of one element of an output to a step at t = 0.
 
     Attributes:
         time: [s], shape (N,), evenly spaced from 0.
@@ -52,7 +52,7 @@ def step_response(
     output_index: int = 0,
     others: Mapping[str, Input] | None = None,
 ) -> StepResponse:
-    """Step one input at t = 0 from the default context and watch one element of an output.
+    """Step one input at t = 0, from the default context, and log one element of an output.
 
     Args:
         system: any diagram or block.
@@ -62,7 +62,7 @@ def step_response(
         duration: [s].
         period: distance of the samples [s].
         input_index: the element that steps; default all of them.
-        output_index: the element that is watched.
+        output_index: the element that is logged.
         others: values of other inputs, see `run_diagram`; default zero.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Run any system with given inputs and keep what its outputs show at every tick."""
+"""Run any system with given inputs and log its outputs at every tick."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ def run_diagram(
         inputs: input port name -> constant value, or function of time [s] that is sampled and held every `period`. A
             number fills the whole port. Vector inputs that are not named are held at zero.
         outputs: names of the vector outputs to log, `block.port` for those of blocks inside; default all of the system.
-        faults: one or several by the name of a port inside, see `forcectl.testing.Fault`. What the readers of the port
-            get is renewed every `period`.
+        faults: one or several by the name of a port inside, see `forcectl.testing.Fault`. The faulty values are renewed
+            every `period`.
         energy: log the kinetic and potential energy of the system as `energy` [J].
         context: where to start; default the system's default context. It is changed.
         accuracy: of the integration of continuous states.
@@ -125,7 +125,7 @@ def run_diagram(
             finite = finite and all(np.isfinite(port.Eval(context)).all() for port in fed)
             if faulty and faulty.has_begun and k < steps:
                 _carry_out_events(simulator)
-                faulty.apply(context)  # for the blocks that read between the ticks: what comes after the updates
+                faulty.apply(context)  # values after the updates, for blocks that read between the ticks
                 finite = finite and faulty.always_finite
             finite = finite and _has_finite_rates(system, context)
     if context is not own:
@@ -136,7 +136,7 @@ def run_diagram(
 
 @contextlib.contextmanager
 def _in_words(now: Callable[[], float]) -> Iterator[None]:
-    """A failed precondition in Drake arrives as SystemExit, which would end Python; the time [s] tells where."""
+    """Turn SystemExit, which a failed precondition in Drake raises, into `RunFailedError` with the time [s]."""
     try:
         yield
     except SystemExit as error:
@@ -160,7 +160,7 @@ def _has_finite_rates(system: System, context: Context) -> bool:
 
 
 def _carry_out_events(simulator: Simulator) -> None:
-    """Those of this instant; the step of length zero that is part of it would not end with NaN either."""
+    """Carry out the events of this instant, without error control: with NaN its step of length zero would not end."""
     integrator = simulator.get_mutable_integrator()
     integrator.set_fixed_step_mode(True)
     simulator.AdvancePendingEvents()
@@ -168,9 +168,9 @@ def _carry_out_events(simulator: Simulator) -> None:
 
 
 def _advance(simulator: Simulator, system: System, time: float, *, wary: bool) -> None:
-    """Advance to `time` [s]; where NaN may be inside, step by step.
+    """Advance to `time` [s]; step by step if `wary`, where NaN may be inside.
 
-    A step whose rates are NaN is taken without control of errors: Drake would look for a small enough one for ever.
+    A step whose derivatives are NaN is taken without error control: Drake would reduce its length without end.
     """
     if not wary:
         simulator.AdvanceTo(time)
@@ -187,13 +187,13 @@ def _advance(simulator: Simulator, system: System, time: float, *, wary: bool) -
 
 
 def _energy(blocks: Sequence[System], system: System, context: Context) -> float:
-    """Of all blocks [J]; a diagram's own sum leaves its blocks out."""
+    """Energy of all blocks [J]; the energy that a diagram itself reports leaves its blocks out."""
     own = [(block, context_of(block, system, context)) for block in blocks]
     return float(sum(block.EvalKineticEnergy(each) + block.EvalPotentialEnergy(each) for block, each in own))
 
 
 def _units(system: System, ports: Mapping[str, OutputPort]) -> dict[str, str]:
-    """Units of the logged outputs, of the blocks that they come from."""
+    """Units of the logged outputs, as the blocks they come from declare them."""
     wiring = Wiring(system)
     paths = {id(block): path for path, block in reversed(wiring.systems.items())}
     found = {}
@@ -216,7 +216,7 @@ def vector_outputs(system: System, names: Sequence[str] | None, *, needed: bool 
     Args:
         system: any diagram or block.
         names: `port`, or `block.port`.
-        needed: there must be one.
+        needed: whether there must be one.
 
     Raises:
         BadInputError: no vector output has this name, or there is none at all.

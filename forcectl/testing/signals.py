@@ -1,4 +1,4 @@
-"""What must hold for a logged signal: bounds, no limit cycle, no growing energy."""
+"""Assertions about a logged signal: bounds, no limit cycle, no growing energy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from forcectl.arrays import Array, Mask
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.testing.golden.compare import as_log
 
-_CYCLE = 6  # swings from peak to peak that make a limit cycle
+_CYCLE = 6  # fewest swings, from peak to peak, of a limit cycle
 
 
 def assert_within(
@@ -50,12 +50,12 @@ def assert_within(
 def assert_no_limit_cycle(
     log: object, name: str, amplitude: float, *, start: float = -np.inf, end: float = np.inf
 ) -> None:
-    """A signal does not go on swinging to the end: six swings or more that do not die down.
+    """A signal does not oscillate to its end: it has no six swings or more that do not decay.
 
     Args:
         log: what `golden_log` takes as well.
         name: of the signal.
-        amplitude: of the smallest limit cycle that counts, unit of the signal.
+        amplitude: amplitude of the smallest limit cycle that counts, unit of the signal.
         start: from when on it is looked at [s].
         end: until when [s].
 
@@ -81,12 +81,12 @@ def assert_no_limit_cycle(
 def assert_energy_does_not_grow(
     log: object, name: str = "energy", tolerance: float | None = None, *, start: float = -np.inf, end: float = np.inf
 ) -> None:
-    """An energy never exceeds what it was before: a passive system without input only loses energy.
+    """An energy never rises above an earlier value: a passive system without input only loses energy.
 
     Args:
         log: what `golden_log` takes as well; `run_diagram(..., energy=True)` has the signal `energy`.
         name: of the signal, a scalar [J].
-        tolerance: growth that counts for nothing [J]; None: 1e-6 of the range of the energy.
+        tolerance: growth that is ignored [J]; None: 1e-6 of the range of the energy.
         start: from when on it is looked at [s].
         end: until when [s].
 

@@ -1,1 +1,1 @@
-"""Golden files: logs and wirings that a test once gave, kept beside it, and compared with what it gives today."""
+"""Golden files: logs and wirings of a test that are kept beside it, and compared with those of every later run."""

@@ -27,12 +27,12 @@ class GoldenFiles:
     Attributes:
         test_file: of the test.
         parameters: of a parametrised test, as pytest shows them; "" for none.
-        first: whether they are the first ones.
+        first: whether these parameters are the first ones of the test.
         update: write the files instead of comparing with them.
         artefacts: what is kept of the test in case it fails.
         written: called with the name of each file that was made or changed.
         updated: files that tests of this session have brought up to date; a later test compares with them.
-        used: files by now, which a test asks for once.
+        used: files that the test has asked for so far; it may ask for each only once.
     """
 
     test_file: Path
@@ -100,7 +100,7 @@ class GoldenFiles:
         return path
 
     def _writes(self, path: Path, shared: bool) -> bool:
-        """Of a file that several tests share, the one with the first parameters writes it."""
+        """Whether this test writes the file; of tests that share it, only the one with the first parameters does."""
         if shared and not self.first:
             return False
         self.updated.add(path)
@@ -121,6 +121,6 @@ def _count(number: int, thing: str) -> str:
 
 
 def _shown(path: Path) -> str:
-    """A path as short as it can be said from here."""
+    """A path relative to the working directory if it is below that, else as it is."""
     relative = os.path.relpath(path)
     return str(path) if relative.startswith("..") else relative

@@ -15,7 +15,7 @@ from forcectl.testing.golden.tube import beyond, tube_around
 from forcectl.testing.runs import Log
 
 Tolerances = float | Mapping[str, ArrayLike] | None
-_UNNAMED = 1e-6  # tolerance of a signal that is not named, of its largest golden value [1]
+_UNNAMED = 1e-6  # tolerance of a signal that is not named, relative to its largest golden value [1]
 
 
 @dataclass(frozen=True, order=True)
@@ -64,11 +64,11 @@ def tolerances(golden: Log, value: Tolerances, today: Collection[str] = ()) -> d
 
 
 def differences(log: Log, golden: Log, time: float, value: Mapping[str, Array]) -> list[Difference]:
-    """What of a log is not as in the golden one, the first in time first.
+    """Differences of a log from the golden one, in the order of time.
 
     Args:
-        log: of today.
-        golden: of then.
+        log: of this run.
+        golden: the golden log.
         time: tolerance [s].
         value: of each golden signal, see `tolerances`.
     """
@@ -97,7 +97,7 @@ def differences(log: Log, golden: Log, time: float, value: Mapping[str, Array]) 
 def _difference(
     label: str, log: Log, golden: Log, which: tuple[str, int], time: float, value: float
 ) -> Difference | None:
-    """Of one element of a signal, over the time that both logs have."""
+    """The difference in one element of a signal, over the time that both logs have; None when there is none."""
     begin, end = max(log.time[0], golden.time[0]), min(log.time[-1], golden.time[-1])
     (mine, mine_at), (then, then_at) = (_common(each, which, begin, end) for each in (log, golden))
     if not mine.size or not then.size:
@@ -144,7 +144,7 @@ def _common(log: Log, which: tuple[str, int], begin: float, end: float) -> tuple
 
 
 def as_log(log: object) -> Log:
-    """What a user may call a log, as a `Log`: also an xarray dataset over `time`, Drake's `VectorLog`, or a mapping.
+    """Any kind of log as a `Log`: also an xarray dataset over `time`, Drake's `VectorLog`, or a mapping.
 
     Raises:
         BadInputError: it is none of them, has no time that increases, or a signal without numbers.
@@ -169,7 +169,7 @@ def as_log(log: object) -> Log:
 
 
 def _of_dataset(dataset: Any) -> Log:
-    """Of a dataset over `time`, and over `variant` if there are several; what is not over time is left out."""
+    """The log in a dataset over `time`, and over `variant` if there are several; other variables are left out."""
     if "time" not in dataset.coords:
         raise BadInputError("log: the dataset must have a coordinate `time`")
     values, units = {}, {}

@@ -1,7 +1,7 @@
 """Golden files beside the tests: where they are, how a log is read and written.
 
-`tests/test_pendulum.py` has them in `tests/golden/test_pendulum/`. A log is NetCDF: the units of its signals, exact
-numbers, and bytes that depend on nothing else.
+`tests/test_pendulum.py` has them in `tests/golden/test_pendulum/`. A log is a NetCDF file with the units of its signals
+and exact numbers; its bytes depend on nothing else.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from forcectl.testing.runs import Log
 
 
 def golden_path(test_file: Path, name: str, parameters: str, suffix: str) -> Path:
-    """Where a golden file lies.
+    """The path of a golden file.
 
     Args:
         test_file: of the test.
-        name: that the test gives it.
+        name: of the file, as the test gives it.
         parameters: of a parametrised test, as pytest shows them; "" for none.
         suffix: with its dot.
 
@@ -40,7 +40,7 @@ def read_log(path: Path) -> Log:
     """A golden log.
 
     Raises:
-        BadInputError: the file is none.
+        BadInputError: the file is no golden log.
     """
     import xarray as xr
 

@@ -24,11 +24,11 @@ def draw(
     value: Mapping[str, Array] | None = None,
     found: Sequence[Difference] = (),
 ) -> Figure:
-    """A figure with a row for each signal; of a log that is compared, for those that differ.
+    """A figure with a row for each signal; of a log that was compared, for those that differ.
 
     Args:
-        log: of today.
-        golden: what it was compared with.
+        log: of this run.
+        golden: the log it was compared with.
         time: tolerance [s].
         value: of each golden signal.
         found: the differences.

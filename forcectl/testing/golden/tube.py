@@ -1,8 +1,9 @@
 """Two signals compared within a tube in time and value.
 
-Between samples a signal is a straight line. Two signals agree when each sample of either lies, up to the tolerance in
-value, between the least and the largest value that the other one has at most the tolerance in time away. So a step may
-come a little early or late, and a pulse must be there in both. Where one is NaN or infinite the other must be as well.
+Between samples a signal is a straight line. At each sample of either signal, the tube spans the smallest to the largest
+value of the other one within the tolerance in time, widened by the tolerance in value. Two signals agree when all
+samples are inside. So a step may come a little early or late, and a pulse must be there in both. Where one is NaN or
+infinite the other must be as well.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from forcectl.arrays import Array, Indices
 
 
 class Tube(NamedTuple):
-    """What a signal may be at given times.
+    """Bounds of a signal at given times.
 
     Attributes:
         lower: (N,), unit of the signal; +inf where the other signal has no number.
@@ -76,7 +77,7 @@ def beyond(
 
 
 def _slack(time: Array) -> float:
-    """Of a sample time that differs by rounding only [s]."""
+    """Tolerance for sample times that differ by rounding only [s]."""
     return 1e-6 * float(np.diff(time).min()) if time.size > 1 else 1e-12
 
 

@@ -29,7 +29,7 @@ def wiring_text(diagram: System, depth: int | None = None) -> str:
 def _block(block: Block) -> list[str]:
     """A line for a block, and one for each of its ports."""
     samples = f" every {block.period_text}" if block.period_text else ""
-    # A diagram's own name is not of the wiring: by default Drake makes it of an address in memory.
+    # The name of the whole diagram is left out: by default Drake makes it from a memory address.
     lines = [f"block {block.path or '(diagram)'}: {block.type_name}{samples}"]
     for side, ports in (("in", block.inputs), ("out", block.outputs)):
         lines += [f"  {side} {port.name}: {port.signal}" for port in ports]
