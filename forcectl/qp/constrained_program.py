@@ -202,7 +202,7 @@ class ConstrainedProgram:
         return 1 if self._nothing is not None else len(self._further) + len(problem.rows.limit)
 
     def _answer(self, problem: Problem) -> tuple[PrioritizedSolution, Vector, Vector, Problem]:
-        """What the programs give, the rows that were asked for, and the problem that was solved in the end."""
+        """Result of the programs, the rows that were used, and the problem that was solved in the end."""
         smooth, rows = problem.smooth, problem.rows
         if smooth is None:
             return self._solved(problem)

@@ -112,7 +112,7 @@ def assert_energy_does_not_grow(
 
 
 def _signal(log: object, name: str, start: float, end: float) -> tuple[Array, Array, Mask]:
-    """Times (N,), values (N, elements), and which samples are looked at (N,)."""
+    """Times (N,), values (N, elements), and which samples are examined (N,)."""
     known = as_log(log)
     if name not in known.values:
         raise unknown("signal", name, known.values)

@@ -340,7 +340,7 @@ class GovernedConfig(AroundLawConfig, Config):
 
     @property
     def in_batches(self) -> bool:  # type: ignore[override]
-        """Whether it makes blocks for a batch: a solver of programs goes on from the one before."""
+        """Whether it makes blocks for a batch: a solver of quadratic programs continues from the one before."""
         return self.horizon == 1
 
     def _inner_bandwidth(self) -> float | None:

@@ -345,7 +345,7 @@ class InvarianceController(SampledBlock):
         desired, measured = inputs["desired_force"].item(), inputs["measured_force"].item()
         compliance = self._known_compliance if self._compliance is None else inputs["compliance"].item()
         good = math.isfinite(desired + measured) and 0.0 < compliance < math.inf
-        if not good:  # NaN goes on to all that depends on it
+        if not good:  # NaN, which spreads to all that depends on it
             measured = compliance = math.nan
         first, now, last = memory["time"] < 0.0, inputs["unconstrained_reference"], memory["last_reference"]
         if first:

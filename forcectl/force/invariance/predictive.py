@@ -1,23 +1,24 @@
-"""Force control on moving, stiff contact: a law that plans from the compliance, corrected by what is foreseen.
+"""Force control on moving, stiff contact: an open-loop law, corrected by estimates of surface height and drive error.
 
-A law such as [57] commands u = -C_T_hat F_bar(t), open loop. Here the height of the surface is added, and the lag that
-friction leaves in the drive, each through the filters of the loop's model::
+A law such as [57] commands u = -C_T_hat F_bar(t), open loop. Here the estimated height of the surface is added, and the
+error that friction leaves in the drive is subtracted, both with the modelled filters of the loop::
 
     x    = dx_m - h dx_uc              displacement of the motor side minus that of the motion along the path
     s_f  = C_T_hat F_m + S x           height of the surface above that path, through the force sensor
     s    = s_a + T s_b                 s_a, s_b: observer of s_f and of its rate;  T = T_S + T_h
-    e'   = w_e d(x - h (u + s))        what friction has kept the drive from
+    e'   = w_e d(x - h (u + s))        integral of the drive's error, which friction causes
     dx_bar = u + s - e
 
 h is the joint-reference filter with the command delay, S the filter of the force sensor with its delay, T_S and T_h
 their lags on a ramp, 2 z/w + delay: a surface that rises steadily is met without error. The observer has two equal
 poles exp(-w_s Ts).
 
-d is a dead zone of C_T_hat F_d while dx_uc rests, for an integral of the error of a drive that sticks never comes to
-rest; on the way it is none.
+d is a dead zone of C_T_hat F_d while dx_uc is at rest, because an integral of the error never comes to rest with a
+drive in static friction. While dx_uc changes there is no dead zone.
 
 With the right compliance s does not depend on the command. With a wrong one, r = C_T_hat/C_T, the part 1 - r of the
-command is taken for surface; the force still ends at F_bar, because x ends at u + s:  C_T_hat F = s - x = -u.
+command is taken for surface height. The steady-state force is F_bar all the same, because x ends at u + s:
+C_T_hat F = s - x = -u.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from forcectl.framework.wiring import Around, export_all_outputs, split
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.plant_model import PlantModel
 
-_RESTS = 1e-12  # [m] that what a path asks for along n changes by in a tick in which it rests
+_RESTS = 1e-12  # [m] largest change of the path's displacement along n in a tick in which the path is at rest
 
 
 class PredictiveCorrection(SampledBatch):
@@ -57,22 +58,22 @@ class PredictiveCorrection(SampledBatch):
     ```
 
     measured_force: shape (n,), F_m [N]. motor_displacement, path_displacement: shape (n,), dx_m and h dx_uc [m].
-    felt_displacements: shape (2n,), both through the filter of the force sensor [m, m].
+    felt_displacements: shape (2n,), both after the filter of the force sensor [m, m].
     planned_displacement: shape (n,), h (u + s) [m]. nominal_command: shape (n,), u [m].
     displacement_command: shape (n,), dx_bar = u + s - e [m], held over [t_k, t_k+1).
     planned_command: shape (n,), u + s [m]. surface_offset, drive_offset: shape (n,), s and e [m].
     All outputs are feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): compliance C_T_hat [m/N] > 0; surface_bandwidth w_s and drive_bandwidth w_e [1/s]
-    >= 0; search_speed [m/s] >= 0; lead T [s] >= 0; minimum_force [N] >= 0 from which there is contact; offset_limit [m]
-    >= 0 of s and e each; lower_limit and upper_limit [m] of the command; drive_dead_zone F_d [N] >= 0, in which the
-    drive is left alone while path_displacement does not change.
+    >= 0; search_speed [m/s] >= 0; lead T [s] >= 0; minimum_force [N] >= 0 above which there is contact; offset_limit
+    [m] >= 0 of s and e each; lower_limit and upper_limit [m] of the command; drive_compliance [m/N] >= 0, the part of
+    C_T_hat between command and motors; drive_dead_zone F_d [N] >= 0, within which e is not changed by a drive error
+    while path_displacement is constant.
 
-    Without contact the surface can only be below the tool: s sinks with the rate learnt, if that is downwards, and at
-    most search_speed faster, until there is contact.
+    Without contact the surface can only be below the tool: s falls at the estimated rate, if that is downwards, and by
+    at most search_speed faster, until there is contact.
 
-    While an input is not finite nothing is learnt, and s and e stay; the command follows u, or is held when u is not
-    finite.
+    While an input is not finite, s and e are held; the command follows u, or is held when u is not finite.
 
     Sampling: every `period` [s]; no delay from nominal_command to displacement_command, see `SampledBlock`.
     """
@@ -148,7 +149,7 @@ class PredictiveCorrection(SampledBatch):
         touching = force > contact
         change = where(touching, gain * error, minimum(maximum(gain * error, -search), 0.0))
         after = minimum(maximum(ahead + change, -most), most)
-        # At its limit the height does not move, whatever rate would be learnt there.
+        # At its limit the height stays, so its rate is zero there.
         learnt = where(touching, rate + rate_gain * error, minimum(rate, 0.0))
         rate = where(good, where(abs(after) < most, learnt, 0.0), rate)
         height = where(good, after, memory["height"])
@@ -171,7 +172,7 @@ class PredictiveCorrection(SampledBatch):
 
 
 class PredictiveForceLaw(Around):
-    """A force law with its command corrected for surface and drive, and the known filters of the loop.
+    """A force law whose command is corrected for surface height and drive error, with the modelled filters of the loop.
 
     ```
     name: PredictiveForceLaw
@@ -181,7 +182,7 @@ class PredictiveForceLaw(Around):
     ```
 
     desired_force, measured_force: shape (n,) [N]. motor_displacement: shape (n,), actual motor-side dx along n [m].
-    path_displacement: shape (n,), dx_uc: what the reference in the unconstrained directions asks for along n [m].
+    path_displacement: shape (n,), dx_uc: displacement along n of the reference in the unconstrained directions [m].
     displacement_command: shape (n,) [m]. surface_offset, drive_offset: shape (n,), s and e [m].
     invariance_function, status: shape (n,) [m, 1]; of laws that have them. Feedthrough of desired_force and
     measured_force at the tick.
@@ -231,19 +232,42 @@ class PredictiveForceLaw(Around):
 
 @dataclass(kw_only=True)
 class PredictiveInvarianceConfig(InvarianceConfig):
-    """Scenario part `!PredictiveInvariance`: a plan from the compliance [57], corrected for surface and drive."""
+    """Scenario part `!PredictiveInvariance`: an open-loop law [57], corrected for surface height and drive error."""
 
-    surface_bandwidth: float = key(4.0, "w_s of the observer of the surface", unit="1/s", bounds="not negative")
-    drive_bandwidth: float = key(1.0, "w_e of the correction for friction", unit="1/s", bounds="not negative")
-    drive_dead_zone: float = key(
-        0.3, "F_d, error of the drive that is left alone at rest", unit="N", bounds="not negative"
+    surface_bandwidth: float = key(
+        4.0, "bandwidth w_s of the observer of the surface height; 0: no observer", unit="1/s", bounds="not negative"
     )
-    search_speed: float = key(0.005, "at which the surface is looked for", unit="m/s", bounds="from 0 to 1")
-    offset_limit: float = key(0.01, "largest value of either correction", unit="m", bounds="from 0 to 1")
-    minimum_force: float = key(0.2, "force from which there is contact", unit="N", bounds="not negative")
-    filter_bandwidth: float = key(75.4, "w of h", unit="rad/s", bounds="from 0.1 to 100000")
-    filter_damping_ratio: float = key(1.0, "z of h", unit="1", bounds="from 0.01 to 10")
-    filter_delay: float = key(0.002, "command delay of h, whole ticks", unit="s", bounds="from 0 to 0.1")
+    drive_bandwidth: float = key(
+        1.0, "bandwidth w_e of the correction of the drive's error; 0: no correction", unit="1/s", bounds="not negative"
+    )
+    drive_dead_zone: float = key(
+        0.3,
+        "force F_d whose displacement C_T_hat F_d is the drive error left uncorrected while the path is at rest",
+        unit="N",
+        bounds="not negative",
+    )
+    search_speed: float = key(
+        0.005,
+        "largest speed towards the surface without contact, beside its estimated rate",
+        unit="m/s",
+        bounds="from 0 to 1",
+    )
+    offset_limit: float = key(
+        0.01,
+        "largest correction of the command for surface height, and for drive error",
+        unit="m",
+        bounds="from 0 to 1",
+    )
+    minimum_force: float = key(0.2, "measured force above which there is contact", unit="N", bounds="not negative")
+    filter_bandwidth: float = key(
+        75.4, "bandwidth w of the modelled joint-reference filter h", unit="rad/s", bounds="from 0.1 to 100000"
+    )
+    filter_damping_ratio: float = key(
+        1.0, "damping ratio z of the modelled joint-reference filter h", unit="1", bounds="from 0.01 to 10"
+    )
+    filter_delay: float = key(
+        0.002, "command delay in the modelled joint-reference filter h, whole ticks", unit="s", bounds="from 0 to 0.1"
+    )
 
     def position_loop(self, model: PlantModel) -> PositionLoop:
         """The model of the joint-reference filter and its delay."""
@@ -261,7 +285,7 @@ class PredictiveInvarianceConfig(InvarianceConfig):
         return model.sensor_lag + 2 * self.filter_damping_ratio / self.filter_bandwidth + self.filter_delay
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PredictiveForceLaw:
-        """Add the law; it and its correction believe in `compliance_error` times the true total compliance."""
+        """Add the law; it and its correction assume `compliance_error` times the true total compliance."""
         compliance = self.compliance_error * model.total_compliance
         correction = PredictiveCorrection(
             model.size,

@@ -185,7 +185,7 @@ class InvarianceRobotConfig(Config):
         1.0, "assumed total compliance over the true one, C_T_hat / C_T", bounds="from 0.001 to 1000"
     )
     adaptation: Adaptation | None = key(
-        None, "on-line estimation of the environment's compliance; null: none, it is assumed as known"
+        None, "on-line estimation of the environment's compliance; null: none, it is taken as known"
     )
     nominal_gain: float | None = key(
         None,
