@@ -213,7 +213,7 @@ class QuadraticProgram:
         )
 
     def _attempt(self, named: NamedProgram, program: Coefficients, lower: bool) -> tuple[Array | None, bool]:
-        """The solver's answer if accepted, and whether it found none feasible; `lower`: rows have lower bounds."""
+        """The solver's answer if accepted, and whether the program is infeasible; `lower`: rows have lower bounds."""
         try:
             u, infeasible = self._solver(named, program)
         except Exception:  # a solver of Drake, of a package or of a test: whatever it raises, the tick goes on
