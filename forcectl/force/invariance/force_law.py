@@ -245,7 +245,7 @@ class InvarianceLimits(Config, LawConfig):
 
     gamma: float = key(
         -0.1,
-        "acceleration of the displacement command when it brakes before its set point, negative",
+        "braking deceleration of the displacement command before its set point, as a negative number",
         unit="m/s^2",
         bounds="from -1000 to -1e-6",
         each=True,

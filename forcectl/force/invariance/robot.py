@@ -135,7 +135,7 @@ class OutputConfig(Config):
     stiffness: float = key(1e4, "stiffness of the second surface, for its force", unit="N/m", bounds="from 1 to 1e+08")
     gamma: float = key(
         -0.1,
-        "acceleration when braking before the set point, negative; of an angle in rad/s^2",
+        "braking deceleration before the set point, as a negative number; of an angle in rad/s^2",
         unit="m/s^2",
         bounds="below zero",
     )
@@ -171,7 +171,7 @@ class InvarianceRobotConfig(Config):
 
     gamma: float = key(
         -0.1,
-        "acceleration of the displacement command when it brakes before its set point, negative",
+        "braking deceleration of the displacement command before its set point, as a negative number",
         unit="m/s^2",
         bounds="below zero",
     )
