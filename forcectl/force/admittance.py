@@ -292,10 +292,10 @@ class AdmittanceConfig(Config):
     )
     jerk_limit: float = key(1e9, "largest jerk of the position generator", unit="m/s^3", bounds="positive")
     lower_limit: float = key(
-        -0.1, "lowest displacement command, deepest into the surface", unit="m", bounds="from -10 to -0.000001"
+        -0.1, "lower limit of the displacement command, into the surface", unit="m", bounds="from -10 to -0.000001"
     )
     upper_limit: float = key(
-        0.1, "highest displacement command, furthest from the surface", unit="m", bounds="from 0.000001 to 10"
+        0.1, "upper limit of the displacement command, off the surface", unit="m", bounds="from 0.000001 to 10"
     )
 
     def unused(self) -> tuple[tuple[str, ...], str]:

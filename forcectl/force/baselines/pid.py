@@ -65,14 +65,14 @@ class PidConfig(Config, LinearLawConfig, in_batches=True):
     )
     lower_limit: float = key(
         -0.1,
-        "lowest displacement command, deepest into the surface",
+        "lower limit of the displacement command, into the surface",
         unit="m",
         bounds="from -10 to -0.000001",
         each=True,
     )
     upper_limit: float = key(
         0.1,
-        "highest displacement command, furthest from the surface",
+        "upper limit of the displacement command, off the surface",
         unit="m",
         bounds="from 0.000001 to 10",
         each=True,

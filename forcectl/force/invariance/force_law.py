@@ -259,7 +259,7 @@ class InvarianceLimits(Config, LawConfig):
     )
     compliance_error: float = key(
         1.0,
-        "assumed total compliance, in the constraint, over the true one, C_T_hat / C_T",
+        "modelled total compliance in the constraint relative to the true one, C_T_hat / C_T",
         bounds="from 0.001 to 1000",
         each=True,
     )

@@ -303,7 +303,7 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
         "difference", "source of the force's derivatives: model of the lag, or measured force", choices=DERIVATIVES
     )
     compliance_error: float = key(
-        1.0, "assumed total compliance over the true one, C_T_hat / C_T", bounds="from 0.001 to 1000", each=True
+        1.0, "modelled total compliance relative to the true one, C_T_hat / C_T", bounds="from 0.001 to 1000", each=True
     )
     acceleration_limit: float = key(
         0.1, "largest acceleration of the displacement command", unit="m/s^2", bounds="positive", each=True

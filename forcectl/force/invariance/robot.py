@@ -182,7 +182,7 @@ class InvarianceRobotConfig(Config):
         bounds="positive",
     )
     compliance_error: float = key(
-        1.0, "assumed total compliance over the true one, C_T_hat / C_T", bounds="from 0.001 to 1000"
+        1.0, "modelled total compliance relative to the true one, C_T_hat / C_T", bounds="from 0.001 to 1000"
     )
     adaptation: Adaptation | None = key(
         None, "on-line estimation of the environment's compliance; null: none, it is taken as known"
