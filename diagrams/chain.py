@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 def force_chain(law: Any, parts: Any, setting: Setting, index: int, share: float = 1.0) -> ForceChain:
-    """The chain of one contact with the plant as it is.
+    """The linear force loop of one contact: the law as designed with its model, on the true plant.
 
     Args:
         law: configuration of a force law with `sampled_response`.
         parts: of the loop, `LoopParts`.
         setting: of the loop.
         index: of the contact.
-        share: of the contact's stiffness that the law feels, see `forcectl.force.slot`.
+        share: factor from 0 to 1 on the contact's stiffness in the loop of this law, see `forcectl.force.slot`.
     """
     workcell = setting.workcell
     pressing = partial(_pressing, workcell, workcell.contacts[index])
@@ -40,16 +40,16 @@ def force_chain(law: Any, parts: Any, setting: Setting, index: int, share: float
 def check_stability(parts: Any, setting: Setting) -> None:
     """Refuse a scenario whose force loop is unstable on a surface that it names.
 
-    Looked at are the force laws that say `must_be_stable`, `!Admittance`, alone or within parts that say their
-    `force_laws`: behind `!Approach`, `!Governed` or `!Passive`, of one arm, in a direction of `!Hybrid`. The law that
-    `!InvarianceControl` corrects is not: together with its correction it is no linear system.
+    The check covers force laws with `must_be_stable`, which is `!Admittance`: alone, or within parts that have
+    `force_laws` (`!Approach`, `!Governed`, `!Passive`, one arm of several, a direction of `!Hybrid`). It does not cover
+    the law that `!InvarianceControl` corrects: together with its correction it is not linear.
 
     Args:
         parts: of the loop, `LoopParts`.
         setting: of the loop.
 
     Raises:
-        BadInputError: with the numbers, and the largest stiffness that is stable.
+        BadInputError: the loop is unstable; the message has the numbers and the largest stable stiffness.
     """
     for index, contact in enumerate(setting.workcell.contacts):
         for law, share in _laws(parts.controller, setting.truth.loop(index)):
@@ -70,7 +70,7 @@ class LoopMargins(Margins):
     Attributes:
         contact: name of the environment's part.
         law: tag of the force law.
-        key: of the stiffness, within that part.
+        key: key of the stiffness within that part.
         stiffness: of the contact [N/m].
     """
 
@@ -80,7 +80,7 @@ class LoopMargins(Margins):
     stiffness: float
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON; None for what is infinite, or is not."""
+        """As a mapping for JSON; None for values that are infinite or NaN."""
         return {name: value if _finite(value) else None for name, value in vars(self).items()}
 
     def __str__(self) -> str:
@@ -99,7 +99,7 @@ class LoopMargins(Margins):
 def loop_margins(parts: Any, setting: Setting) -> list[LoopMargins]:
     """Stability margins of the linear force laws of a scenario, on each surface that it names.
 
-    Left out are laws whose gains are found before the run.
+    Laws whose gains are tuned before the run are left out.
 
     Args:
         parts: of the loop, `LoopParts`.
@@ -118,7 +118,7 @@ def loop_margins(parts: Any, setting: Setting) -> list[LoopMargins]:
 
 
 def _fault(chain: ForceChain, law: Any, stiffness: float, period: float) -> str:
-    """What is wrong with a stiffness [N/m], and the largest that is stable, rounded down."""
+    """Message about an unstable stiffness [N/m], with the largest stable one, rounded down."""
     largest = chain.largest_stiffness(stiffness)
     other = "with another controller: no stiffness is stable"
     if largest:
@@ -135,13 +135,13 @@ def _finite(value: Any) -> bool:
 
 
 def _above_one(radius: float) -> str:
-    """The size of a pole in six digits, or in as many as show that it is not inside of the unit circle."""
+    """Magnitude of a pole in six digits, or in as many as show that it is outside the unit circle."""
     texts = (f"{radius:.{digits}g}" for digits in range(6, 17))
     return next((text for text in texts if float(text) > 1.0), f"{radius:.17g}")
 
 
 def _measuring(parts: Any, setting: Setting) -> StateSpace:
-    """From the contact force to the measured one: what the estimator or sensor states, else its lag."""
+    """Response from the contact force to the measured one: as the estimator or sensor states it, else its lag."""
     chosen = parts.signals.get("measured_force")
     projected = hasattr(chosen, "force_lag")
     sources = parts.estimators if projected else parts.station.sensors
@@ -154,14 +154,14 @@ def _measuring(parts: Any, setting: Setting) -> StateSpace:
 
 
 def _laws(controller: Any, model: PlantModel, share: float = 1.0) -> list[tuple[Any, float]]:
-    """The linear force laws of one loop, inside of what is around them, each with its share of the stiffness."""
+    """The linear force laws of one loop, nested ones as well, each with its share of the stiffness."""
     if hasattr(controller, "force_laws"):
         return [each for law, part in controller.force_laws(model) for each in _laws(law, model, share * part)]
     return [(controller, share)] if hasattr(controller, "sampled_response") else []
 
 
 def _named(contact: Contact) -> dict[str, float]:
-    """Stiffnesses of a contact that the scenario names [N/m], by key."""
+    """Stiffnesses of a contact that the scenario states [N/m], by key."""
     environment = contact.environment
     if hasattr(environment, "stiffnesses"):
         return environment.stiffnesses()
@@ -169,7 +169,7 @@ def _named(contact: Contact) -> dict[str, float]:
 
 
 def _pressing(workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:
-    """What the drive makes of the command; of a drive that says nothing, the command itself a tick later."""
+    """Response from command to contact force; a drive without `pressing` counts as a delay of one tick."""
     drive = workcell.config.drive
     if hasattr(drive, "pressing"):
         with about(drive):

@@ -1,8 +1,8 @@
-"""What the components of logged signals are: what the conventions or their blocks say, never what has that many.
+"""Components of logged signals, as their blocks or the conventions declare them; they are never guessed from a size.
 
-A signal has the components that its block says of the port in an attribute `port_components`: a shape in the terms of
-`SIGNALS`, `{"residual": "n"}`, or `Components` with names of its own. Else it has those of its shape in `SIGNALS`. Of a
-signal of which nobody says it they are numbered from 1.
+A block declares the components of a port in an attribute `port_components`: by a shape in the terms of `SIGNALS`, such
+as `{"residual": "n"}`, or by `Components` with names of its own. Otherwise a signal has the components of its shape in
+`SIGNALS`. Components that are declared nowhere are numbered from 1.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError
 from forcectl.framework.block import of_ports
 
-_ALWAYS = ("n", "a")  # of a robot with one joint, or of one arm, these are vectors, too
+_ALWAYS = ("n", "a")  # shapes that are vectors even with one element: of a robot with one joint, or one arm
 
 
 def numbered(name: str, size: int) -> Components:
-    """Those of a signal of which nobody says what they are."""
+    """Numbered components, for a signal whose components are declared nowhere."""
     return Components(f"{name}_component", tuple(str(i) for i in range(1, size + 1)))
 
 
@@ -28,7 +28,7 @@ def components_of(ports: Mapping[str, OutputPort], workcell: Workcell) -> dict[s
     """The components of every port that is no scalar, by the name of the signal.
 
     Raises:
-        BadInputError: a block says of a port what does not fit its size, or gives a dimension other names than another.
+        BadInputError: declared components do not fit the size of their port, or a dimension has two sets of names.
     """
     found: dict[str, Components] = {}
     dimensions: dict[str, tuple[str, ...]] = {}
@@ -65,7 +65,7 @@ def _wrong(port: OutputPort, fault: str, allowed: str) -> BadInputError:
 
 
 def _of_shape(shape: str, name: str, workcell: Workcell) -> Components | None:
-    """The components of a shape of `SIGNALS`; None of none that has names."""
+    """The components of a shape of `SIGNALS`; None for a shape without named components."""
     arms, parts = list(workcell.robot.parts.arms), workcell.parts
     held = [part for part, config in parts.items() if config.arm]
     units = ("Nm",) * 3 + ("N",) * 3

@@ -1,4 +1,4 @@
-"""Signals of a robot with dynamics that follow from others, once its run is over: they cost nothing at a tick."""
+"""Signals of a robot with dynamics that are computed from others after the run, so that they cost nothing at a tick."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from scipy.spatial.transform import Rotation
 from forcectl.arrays import Array
 from forcectl.diagrams.workcell import Workcell
 
-# What they follow from: outputs of a station, read at every tick if they are not logged anyway.
+# Signals that they are computed from: outputs of a station, read at every tick if they are not logged anyway.
 SOURCES = ("link_position", "motor_velocity")
 
 
 class Derived(NamedTuple):
-    """A signal that follows from others.
+    """A signal that is computed from others.
 
     Attributes:
         unit: of its elements.
         samples: (k,), or (k, m) of a vector.
         comment: what it is, with frame and sign.
-        dimension: what its elements are.
-        labels: their names.
-        meanings: names of the values 0, 1, ... of a signal that is the number of something.
+        dimension: name of the dimension along its elements.
+        labels: names of its elements.
+        meanings: names of the values 0, 1, ... of an enumerated signal.
         units: of each element, where they differ.
     """
 
@@ -46,7 +46,7 @@ def joint_and_tool_signals(
         motors: positions of the motors (k, n) [rad].
         links: positions of the links (k, n) [rad].
         speeds: of the motors (k, n) [rad/s].
-        torque_known: the drives put out the torque of the motors.
+        torque_known: whether the drives have an output for the motor torque.
     """
     joints = ("joint", tuple(workcell.robot.parameters.arm_joints))
     sticks = np.where(np.isnan(speeds), np.nan, (speeds == 0.0).astype(float))
@@ -72,7 +72,7 @@ def joint_and_tool_signals(
 
 
 def _poses(workcell: Workcell, arms: list[str], links: Array) -> tuple[Array, Array]:
-    """Positions (k, 3a) [m] and quaternions (k, 4a) of the TCPs; a quaternion never turns its sign."""
+    """Positions (k, 3a) [m] and quaternions (k, 4a) of the TCPs, without sign flips between samples."""
     poses = np.full((len(arms), len(links), 4, 4), np.nan)
     frames = [workcell.robot.for_arm(arm).tcp_frame for arm in arms]
     context = workcell.start_context()

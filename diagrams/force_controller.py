@@ -33,7 +33,7 @@ from forcectl.framework.wiring import (
 from forcectl.plant.plant_model import PlantModel
 
 _JOINT_COMMANDS = ("joint_position_command", "joint_velocity_command")
-# Inputs of a law that are made for it; all others are signals of the loop.
+# Inputs of a law that this diagram computes; all others are signals of the loop.
 _OF_LAW = (*FORCES, "motor_displacement", "path_displacement", "sliding")
 _WRENCH = "estimated_wrench"
 _NO_SURFACE = " has no surface: must have one for a force law to press on"
@@ -95,7 +95,7 @@ class ForceController(PythonDiagram):
                 builder.ConnectInput(position, other.GetInputPort("motor_position"))
         else:
             position = export(add("motor_position", PassThrough(n_q)).get_input_port(), "motor_position")
-        # Every input of the slot exists, whatever a law makes of it.
+        # Every input of the slot exists, whether or not the law uses it.
         velocity = export(add("motor_velocity", PassThrough(n_q)).get_input_port(), "motor_velocity")
         if "motor_displacement" in input_names(law):
             self._displace(builder, "motor_displacement", law, model, lambda port: builder.ConnectInput(position, port))
@@ -112,7 +112,7 @@ class ForceController(PythonDiagram):
             so_far = through(builder, f"motion_{i + 1}", affine(np.eye(n_q), -q_0), commanded)
             connect(so_far, other.GetInputPort("unconstrained_reference"))
         if "path_displacement" in input_names(law) and model.constant_jacobian:
-            # The inversion takes it out of the path, which has some where the tool leads far from the start.
+            # The inversion removes the path's displacement along n, which is not zero far from the start.
             none = add("path_displacement", ConstantVectorSource(np.zeros(model.size)))
             connect(none.get_output_port(), law.GetInputPort("path_displacement"))
         elif "path_displacement" in input_names(law):
@@ -144,7 +144,7 @@ class ForceController(PythonDiagram):
 
     @staticmethod
     def _displace(builder: DiagramBuilder, name: str, law: System, model: PlantModel, feed: Any) -> None:
-        """Feed an input of the law with the displacements along the normals of what `feed` connects to."""
+        """Connect an input of the law to displacements along the normals; `feed` connects the joint positions."""
         blocks = []
         for i, suffix in enumerate(_suffixes(model)):
             blocks.append(builder.AddNamedSystem(f"{name}{suffix}", model.loop(i).tip_displacement()))
@@ -154,7 +154,7 @@ class ForceController(PythonDiagram):
 
 
 class GuardedController(PythonDiagram):
-    """A controller of joints behind its guard.
+    """A joint controller with its guard.
 
     ```
     name: GuardedController
@@ -167,7 +167,7 @@ class GuardedController(PythonDiagram):
     controller are.
 
     Attributes:
-        guard_inputs: what only the guard reads.
+        guard_inputs: names of the inputs that only the guard reads.
 
     Sampling: every `period` [s] the controller and its guard.
 
@@ -201,7 +201,7 @@ class GuardedController(PythonDiagram):
 
 
 def _suffixes(model: PlantModel) -> list[str]:
-    """What tells the blocks of each loop from those of the others."""
+    """Suffixes of block names, one for each loop."""
     return [""] if model.size == 1 else [f"_{arm or i + 1}" for i, arm in enumerate(model.arms)]
 
 
@@ -233,8 +233,8 @@ def build_controller(
         guard: around it; None: there is none.
 
     Raises:
-        BadInputError: the system has neither output, or lacks an input of a force law; or it approaches surfaces at a
-            speed from which the largest force cannot be kept.
+        BadInputError: the system has neither output, or lacks an input of a force law; or its approach is too fast to
+            stay below the largest force.
     """
     if guard is not None and hasattr(config, "approach_speed"):
         guard.check_approach(model, *config.approach_speed())

@@ -1,4 +1,4 @@
-"""The guard around a controller: in front of it the forces that it reads, behind it the command that it gives."""
+"""The guard around a controller: it passes on the forces that the controller reads and the command that it gives."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def guarded(
     """Put a guard around a controller.
 
     Args:
-        builder: holds the controller, and gets the guard.
-        controller: that is guarded.
-        command: name of its output that the plant takes.
-        rate: name of the output with its speed, if there is one.
-        guard: None: there is none.
+        builder: holds the controller; the guard is added to it.
+        controller: to be guarded.
+        command: name of the controller's output that the plant takes.
+        rate: name of the controller's output with the rate of that command, if there is one.
+        guard: None: no guard.
     """
     inputs = {name: controller.GetInputPort(name) for name in input_names(controller)}
     outputs = {name: controller.GetOutputPort(name) for name in output_names(controller)}

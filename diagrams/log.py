@@ -17,14 +17,14 @@ _COORDINATES = ("time", "variant")  # of a log
 
 @dataclass(frozen=True)
 class LoggedSignal:
-    """Where a signal stands in the log vector.
+    """The rows of a signal in the log vector, and their units and names.
 
     Attributes:
-        unit: of its components; of several units each once, with commas in between.
+        unit: of its components; several units stand once each, with commas in between.
         labels: names of its components; None for a scalar.
-        dimension: that they are along; None for a scalar.
-        meanings: names of the values 0, 1, ... of a signal that is the number of something; else empty.
-        reasons: of each of them, in words; "" for none.
+        dimension: name of the dimension along its components; None for a scalar.
+        meanings: names of the values 0, 1, ... of an enumerated signal; else empty.
+        reasons: a reason for each of these values, in words; "" for none.
         units: of each component, where they differ; else empty.
     """
 
@@ -42,7 +42,7 @@ class Probe:
     """An output port anywhere in a diagram that is read at every tick of the log.
 
     Attributes:
-        components: what they are; None for a scalar.
+        components: names of its components; None for a scalar.
     """
 
     name: str
@@ -57,7 +57,7 @@ class LoggedLoop:
 
     Attributes:
         sink: the block that holds the log.
-        signals: what the rows of the log are.
+        signals: the rows of each signal in the log, by name.
         period: control tick and log period [s].
     """
 
@@ -73,24 +73,23 @@ def add_log(
     period: float,
     components: Mapping[str, Components],
 ) -> tuple[VectorLogSink, dict[str, LoggedSignal]]:
-    """Log the ports every `period` [s]: one multiplexer and one sink, a tenth of the cost of a sink each.
+    """Log the ports every `period` [s] with one multiplexer and one sink, at a tenth of the cost of a sink for each.
 
-    A signal has the units of its components, else the unit that its block gives the port of that name in `port_units`,
-    or that of the conventions, and the names of its values, and reasons of some, that the block gives it in
-    `port_meanings` and `port_reasons`.
+    The unit of a signal is that of its components, else the one in `port_units` of its block, else that of the
+    conventions. Names of its values, and reasons for some, stand in `port_meanings` and `port_reasons` of the block.
 
     Args:
         ports: by signal name.
         components: by signal name, where it is no scalar.
 
     Returns:
-        the sink, and what its rows mean.
+        the sink, and the rows of each signal.
 
     Raises:
-        BadInputError: a port has a name that no variable of a log can have.
+        BadInputError: the name of a port is not allowed for a variable of a log.
     """
     for name, port in ports.items():
-        taken = (*_COORDINATES, ".")  # which is the file itself
+        taken = (*_COORDINATES, ".")  # "." is the file itself
         if not name.isprintable() or "/" in name or name in taken or not name.strip():
             block = port.get_system().get_name()
             allowed = f"printable characters without '/', and not one of {', '.join(taken)}"

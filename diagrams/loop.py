@@ -5,8 +5,8 @@
                       |   estimators <
                       +--------------+
 
-`forcectl.conventions` lists the signals. From a reading to the motion it causes there are only the delays of the drive
-when outputs of estimators and controller are feedthrough at the tick and held.
+`forcectl.conventions` lists the signals. If the outputs of estimators and controller are feedthrough at the tick and
+held, the only delays between a reading and the motion that it causes are those of the drive.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from forcectl.framework.wiring import (
 )
 from forcectl.plant.tip_kinematics import tip_displacements
 
-# Of a station with a force sensor only, the signals that are looked at; the others cost more to log than to have.
+# Signals that are logged of a station with a force sensor only; logging the others would cost more than computing them.
 _FORCE_SIGNALS = (
     "measured_force",
     "contact_force",
@@ -58,16 +58,16 @@ _FORCE_SIGNALS = (
 
 @dataclass(kw_only=True)
 class LoopParts:
-    """What a loop is made of.
+    """The parts of a loop.
 
     Attributes:
-        controller: a force law, or a controller of joints.
+        controller: a force law, or a joint controller.
         model: errors of the plant model.
-        reference: of the force; used where something wants `desired_force`.
-        motion: in the unconstrained directions; used where something wants `unconstrained_reference`.
+        reference: of the force; used if the controller reads `desired_force`.
+        motion: in the unconstrained directions; used if the controller reads `unconstrained_reference`.
         signals: choices and projections, by the name of the signal.
         guard: around the controller; None: there is none.
-        seed: of every random number.
+        seed: of all random numbers.
     """
 
     station: StationConfig
@@ -82,14 +82,14 @@ class LoopParts:
 
     @property
     def reference_model_bandwidth(self) -> float | None:
-        """Bandwidth of the controller's nominal loop [rad/s]; None where it tells none."""
+        """Bandwidth of the controller's nominal loop [rad/s]; None where it states none."""
         return model_bandwidth(self.controller)
 
     def setting(self, workcell: Workcell | None = None) -> Setting:
         """Workcell and models.
 
         Args:
-            workcell: of the station; None: it is made.
+            workcell: of the station; None: it is made from its configuration.
 
         Raises:
             BadInputError: a station that cannot be built.
@@ -128,7 +128,7 @@ class Loop(LoggedLoop):
     def derived(self, values: Array, probed: Mapping[str, Derived]) -> dict[str, Derived]:
         """Signals that follow from the log (n, k) and from the samples of the probes, by name.
 
-        The displacement and the pose of the tool of a robot, torques and sticking are not needed tick by tick.
+        Displacement and pose of the tool, torques and stick states are not needed during the run.
         """
         further: dict[str, Derived] = {}
         if len(self.workcell.contacts) == 1 and "contact_displacement" not in self.signals:
@@ -207,7 +207,7 @@ def build_loop(parts: LoopParts) -> Loop:
 
 
 def _check_forces(station: Diagram, surfaces: int) -> None:
-    """Refuse a station whose true force is not one along the normal of each surface."""
+    """Refuse a station whose true force does not have one component for each surface."""
     if station.HasOutputPort("contact_force") and (size := station.GetOutputPort("contact_force").size()) != surfaces:
         fault = f" puts out contact_force of size {size}: must be {surfaces}, one for each surface"
         raise BadInputError(fault, key="station.fidelity")
@@ -216,7 +216,7 @@ def _check_forces(station: Diagram, surfaces: int) -> None:
 def _add_sources(
     builder: DiagramBuilder, parts: LoopParts, setting: Setting, wanted: Sequence[str]
 ) -> tuple[dict[str, System], list[tuple[Any, list[System]]]]:
-    """References, as far as the controller wants them; and the blocks that each part added."""
+    """Add the references that the controller reads; also returns the blocks that each part added."""
     workcell = setting.workcell
     sources: dict[str, System] = {}
     added: list[tuple[Any, list[System]]] = []
@@ -236,7 +236,7 @@ def _add_sources(
 
 
 def check_range(parts: LoopParts) -> None:
-    """BadInputError where the reference of the force is beyond the range of a sensor."""
+    """Raise BadInputError where the reference of the force is beyond the range of a sensor."""
     largest = made_by(parts.reference, "largest_force", "reference", int | float, "a number")
     limits = [sensor.range for sensor in parts.station.sensors.values() if hasattr(sensor, "range")]
     if limits and not largest <= min(limits):
@@ -244,22 +244,22 @@ def check_range(parts: LoopParts) -> None:
 
 
 def _check_apart(makers: Mapping[str, System], chosen: Collection[str]) -> None:
-    """Nothing but the station puts out the truth, and of two parts that put out the same the scenario chooses one.
+    """Refuse true signals that do not come from the station, and two outputs of one name without a choice.
 
-    Of two estimators that have several outputs in common, one choice will do.
+    If two estimators have several outputs in common, a choice for one of these is enough.
 
     Args:
         makers: the parts of a loop by key, the station first.
         chosen: names of signals.
 
     Raises:
-        BadInputError: about the part that is not to.
+        BadInputError: about the part with the output that is refused.
     """
     known: dict[str, str] = {}
     for key, system in makers.items():
         for name in output_names(system):
             if key == "controller" and name not in SIGNAL_UNITS:
-                continue  # of its inside, as an estimator may have it, too
+                continue  # an internal signal of the controller; estimators may use the same name
             other = known.setdefault(name, key)
             if name in TRUTH and key != "station":
                 fault = f" puts out {name}, which only the simulation knows: must be another name"
@@ -303,7 +303,7 @@ def _logged(
     controller: Diagram,
     estimators: Mapping[str, System],
 ) -> dict[str, OutputPort]:
-    """The ports to log: all where joint readings are taken, else what is looked at, commands and scalars."""
+    """The ports to log: all if the station reads motor torques, else `_FORCE_SIGNALS`, estimates, commands, scalars."""
     ports: dict[str, OutputPort] = {}
     if "reference" in sources:
         ports["desired_force"] = sources["reference"].GetOutputPort("desired_force")
@@ -324,7 +324,7 @@ def _logged(
             wanted = everything or small or system is not controller
             if vector and wanted:
                 ports[port.get_name()] = port
-    # Last, so that a fault is told of the signal that it comes from.
+    # Last, so that an error is about the signal that it comes from.
     if not constant and controller.HasOutputPort("joint_position_command"):
         ports.setdefault("joint_position_command", controller.GetOutputPort("joint_position_command"))
     return ports

@@ -1,6 +1,6 @@
-"""The model of the plant that controllers and estimators are given: scenario part `model`.
+"""The plant model that controllers and estimators use: scenario part `model`.
 
-Made from the station's configuration, it agrees with the plant; the scenario may make it wrong on purpose.
+Made from the station's configuration, it agrees with the plant; a scenario may add model errors on purpose.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from forcectl.robot.parameters import read_keys
 
 T = TypeVar("T")
 FRICTION_KEYS = ("offset", "coulomb", "viscous_forward", "viscous_backward")
-# Lag of a measured force that does not report its own: [rad/s], [1], [s].
+# Lag assumed for a measured force for which none is reported: bandwidth [rad/s], damping ratio [1], delay [s].
 NO_LAG = (1e4, 1.0, 0.0)
-# Mean of |log| from the robot's own friction, by less than which nothing is known to be exchanged, and how many times
-# nearer it would be exchanged: all joints would be wrong by a factor of 1.6, and right to 13 % in each other's place.
+# Coulomb and viscous friction count as exchanged if the mean |log| of their ratio to the robot's own exceeds the first
+# number and would be smaller by the second as a factor after an exchange: off by a factor of 1.6, then by 13 % only.
 _FAR, _NEARER = 0.5, 4.0
-_APART = 100.0  # times the robot's own Coulomb friction that an identified one may be, or as much less
+_APART = 100.0  # largest factor between identified Coulomb friction and the robot's own, either way
 
 
 @dataclass(kw_only=True)
@@ -38,10 +38,14 @@ class FrictionFile(Config):
     """A file of identified joint friction, as the analysis `FrictionIdentification` writes it."""
 
     joints: list[str] = key(meaning="names of the joints")
-    offset: np.ndarray = key(meaning="tau_O of each", unit="Nm")
-    coulomb: np.ndarray = key(meaning="tau_C of each", unit="Nm", bounds="not negative")
-    viscous_forward: np.ndarray = key(meaning="D+ of each", unit="Nms/rad", bounds="not negative")
-    viscous_backward: np.ndarray = key(meaning="D- of each", unit="Nms/rad", bounds="not negative")
+    offset: np.ndarray = key(meaning="friction offset tau_O of each joint", unit="Nm")
+    coulomb: np.ndarray = key(meaning="Coulomb friction tau_C of each joint", unit="Nm", bounds="not negative")
+    viscous_forward: np.ndarray = key(
+        meaning="viscous friction D+ of each joint, forward", unit="Nms/rad", bounds="not negative"
+    )
+    viscous_backward: np.ndarray = key(
+        meaning="viscous friction D- of each joint, backward", unit="Nms/rad", bounds="not negative"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -59,7 +63,7 @@ class FrictionFile(Config):
             robot: with limits of its joints.
 
         Raises:
-            BadInputError: the file is about other joints, or has friction that no drive of these joints has.
+            BadInputError: the file is about other joints, or its friction is implausible for these joints.
         """
         joints = robot.parameters.arm_joints
         if sorted(self.joints) != sorted(joints):
@@ -82,7 +86,7 @@ class FrictionFile(Config):
 
 
 def _exchanged(friction: JointFriction, robot: RobotModel) -> bool:
-    """Whether Coulomb's and viscous friction would be far nearer the robot's own in each other's place."""
+    """Whether Coulomb and viscous friction would be far nearer to the robot's own if they were exchanged."""
     found = np.array([friction.coulomb, friction.viscous_forward])
     own = np.array([robot.parameters.coulomb_friction, robot.parameters.viscous_friction])
     if not ((found > 0).all() and (own > 0).all()):
@@ -95,14 +99,24 @@ def _exchanged(friction: JointFriction, robot: RobotModel) -> bool:
 class ModelConfig(Config, in_batches=True):
     """Scenario part `model`: how the model differs from the plant."""
 
-    robot_compliance: float = key(1.0, "C_R of the model / C_R", bounds="from 0.001 to 1000", each=True)
-    environment_compliance: float = key(1.0, "C_E of the model / C_E", bounds="from 0.001 to 1000", each=True)
-    friction: str = key("", "file of identified joint friction, see `FrictionIdentification`; empty: the plant's")
-    friction_scale: float = key(1.0, "factor on that friction", bounds="from 0 to 20")
-    inertia_scale: float = key(
-        1.0, "masses and inertias of the model / those of the robot", bounds="from 0.001 to 1000"
+    robot_compliance: float = key(
+        1.0, "robot compliance C_R of the model / that of the plant", bounds="from 0.001 to 1000", each=True
     )
-    payload: float = key(0.0, "mass at every TCP that only the model has", unit="kg", bounds="not negative")
+    environment_compliance: float = key(
+        1.0, "environment compliance C_E of the model / that of the plant", bounds="from 0.001 to 1000", each=True
+    )
+    friction: str = key(
+        "",
+        "file with the joint friction of the model, as the analysis `FrictionIdentification` writes it; "
+        "empty: that of the plant",
+    )
+    friction_scale: float = key(1.0, "factor on the joint friction of the model", bounds="from 0 to 20")
+    inertia_scale: float = key(
+        1.0, "masses and inertias of the model / those of the plant's robot", bounds="from 0.001 to 1000"
+    )
+    payload: float = key(
+        0.0, "mass at every TCP in the model that the plant does not have", unit="kg", bounds="not negative"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -110,7 +124,7 @@ class ModelConfig(Config, in_batches=True):
             self._of_file(read_friction)
 
     def applied(self, model: PlantModel) -> PlantModel:
-        """The model that agrees with the plant, with these errors.
+        """A model that agrees with the plant, with these errors added.
 
         Raises:
             BadInputError: friction of another number of joints.
@@ -134,7 +148,7 @@ class ModelConfig(Config, in_batches=True):
         )
 
     def _of_file(self, read: Callable[[str], T]) -> T:
-        """What is made of the file; an error in it is one about the key that names it, too."""
+        """The result of reading the file; an error in it is reported about the key `friction`."""
         try:
             return read(self.friction)
         except BadInputError as error:
@@ -143,11 +157,11 @@ class ModelConfig(Config, in_batches=True):
 
 @dataclass(frozen=True)
 class Setting:
-    """What an analysis is given of a run beside its log.
+    """The input of an analysis beside the log of a run.
 
     Attributes:
-        model: what controllers and estimators were given.
-        truth: the model without the errors of the scenario's part `model`.
+        model: the plant model that controllers and estimators use.
+        truth: that model without the errors of the scenario's part `model`.
     """
 
     workcell: Workcell
@@ -159,8 +173,8 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
     """The model that agrees with a workcell.
 
     Args:
-        lag: of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]; that of the first sensor that
-            reports one when None.
+        lag: of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]; None: that of the first sensor
+            that reports one.
     """
     contacts, config = workcell.contacts, workcell.config
     friction = getattr(config.drive, "true_friction", None)
@@ -219,7 +233,7 @@ def friction_of(path: str, robot: RobotModel) -> JointFriction:
     """Identified friction from a file, in the order of a robot's joints; see `FrictionFile`.
 
     Raises:
-        BadInputError: the file cannot be read, is about other joints, or has friction that no drive of these has.
+        BadInputError: the file cannot be read, is about other joints, or its friction is implausible for them.
     """
     file = read_friction(path)
     try:

@@ -3,9 +3,9 @@
     desired_force -> force law -> position loop -> servo -> contact -> force sensor -+
                          ^-----------------------------------------------------------+
 
-No robot, only its compliance. Element i of the batch has the values of element i of every parameter in the Context and
-the noise of its own seed, and gives what the same loop gives alone. A scenario of one dimension whose blocks all know
-of batches is such a loop (`scalar_loop`), to rounding.
+No robot, only its compliance. Element i of the batch has element i of every parameter in the Context and the noise of
+its own seed; its results are those of the same loop alone. A scenario of one dimension whose blocks all support batches
+gives the results of such a loop (`scalar_loop`), up to rounding.
 """
 
 from __future__ import annotations
@@ -39,18 +39,20 @@ from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 
 @dataclass(kw_only=True)
 class OneDimensionalLoopConfig(Config, in_batches=True):
-    """What the loop is made of; the defaults are the calibrated plant of the design's targets."""
+    """Parts of the one-dimensional loop; the defaults are the calibrated plant of the design's targets."""
 
     controller: ControllerConfig = key(IntegralConfig, "force law")
-    reference: ForceReferenceConfig = key(StepConfig, "of the force")
+    reference: ForceReferenceConfig = key(StepConfig, "reference of the force")
     environment: EnvironmentConfig = key(EnvironmentConfig, "surface that is pressed on")
     robot_compliance: float = key(3.2e-5, "compliance C_R of the robot", unit="m/N", bounds="not negative", each=True)
-    model: ModelConfig = key(ModelConfig, "how the model of the plant differs from it")
-    position_loop: PositionLoopConfig = key(PositionLoopConfig, "filter and delay of the command")
+    model: ModelConfig = key(ModelConfig, "errors of the plant model that the controller uses")
+    position_loop: PositionLoopConfig = key(PositionLoopConfig, "filter and delay of the displacement command")
     servo: ServoConfig = key(ServoConfig, "position loop of the drive")
     force_sensor: ForceSensorConfig = key(ForceSensorConfig, "force sensor")
     period: float = key(0.002, "control tick", unit="s", bounds="positive")
-    limited: bool = key(True, "false: the force law as a linear system without limits, where it has that form")
+    limited: bool = key(
+        True, "whether limits apply; false: the force law is a linear system without limits, where it has that form"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -146,7 +148,7 @@ def build_one_dimensional_loop(
 def _add_law(builder: DiagramBuilder, config: OneDimensionalLoopConfig, model: PlantModel) -> System:
     law, linear_law = config.controller, getattr(config.controller, "linear_law", None)
     if not config.limited and linear_law is not None:
-        # C++ throughout, and open to linear analysis.
+        # A system in C++, which Drake can also linearise.
         linear = linear_law(model)
         if linear is not None:
             return builder.AddNamedSystem("force_law", linear)
@@ -158,7 +160,7 @@ def scalar_loop(parts: LoopParts, workcell: Workcell) -> OneDimensionalLoopConfi
 
     Args:
         parts: of the scenario's loop.
-        workcell: of its station, or of one that differs in what the elements of a batch may differ in.
+        workcell: of its station, or of one that differs only in values that may differ between batch elements.
     """
     drive, (sensor,) = parts.station.drive, parts.station.sensors.values()
     return OneDimensionalLoopConfig(
@@ -175,7 +177,7 @@ def scalar_loop(parts: LoopParts, workcell: Workcell) -> OneDimensionalLoopConfi
 
 
 def is_scalar(parts: LoopParts) -> bool:
-    """Whether a scenario's loop is one of one dimension, and every part of it makes blocks for a batch."""
+    """Whether a scenario's loop is one-dimensional and every part of it makes blocks for a batch."""
     station = parts.station
     whole = (station.fidelity, station.drive, station.environment, *station.sensors.values())
     return (

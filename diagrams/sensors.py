@@ -1,4 +1,4 @@
-"""The sensors of a station: `!WristForce` and `!JointReadings`; and `!ContactTruth`, which no robot has."""
+"""The sensors of a station: `!WristForce` and `!JointReadings`; and `!ContactTruth`, for simulation only."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor, random_cross_talk
 from forcectl.plant.tip_kinematics import ForceToWrench
 
-_LOUDEST = 10.0  # times its range, that the noise of a sensor may be
-_SILENT = 0.01  # of noise and quantum of the sensor, below which a fault is not to be seen
+_LOUDEST = 10.0  # largest noise of a fault, as a multiple of the sensor's range
+_SILENT = 0.01  # smallest noise of a fault, as a share of the sensor's own noise or quantum, which hide a smaller one
 
 
 @dataclass(kw_only=True)
@@ -28,11 +28,12 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
 
     cross_talk: float = key(
         0.0,
-        "largest share of its range that a channel shows of another one at the end of its own (Multibody only)",
+        "largest cross-talk: output of a channel, as a share of its range, while another channel is at the end of its "
+        "own range (Multibody only)",
         unit="1",
         bounds="not negative and at most 0.2",
     )
-    faults: list[ForceFaultConfig] = key([], "of the measured force, over time")
+    faults: list[ForceFaultConfig] = key([], "faults of the measured force, over time")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -50,7 +51,7 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
         """Add the block `force_sensor`.
 
         Raises:
-            BadInputError: cross-talk of a station without dynamics, whose sensor feels one force only; a fault that
+            BadInputError: cross-talk of a station without dynamics, whose sensor measures one force only; a fault that
                 acts at no tick.
         """
         if self.cross_talk and not site.workcell.has_dynamics:
@@ -98,7 +99,7 @@ class FaultySensor(PythonDiagram):
 
 
 class NormalForce(PythonDiagram):
-    """Force sensor of a station without dynamics: it feels the contact force along the normal and no weight.
+    """Force sensor of a station without dynamics: it measures the contact force along the normal, and no weight.
 
     ```
     name: NormalForce
@@ -211,18 +212,24 @@ class JointReadingsConfig(Config):
 
     quantum: float = key(
         1e-6,
-        "step of the positions; assumed: 16 bits per turn of a motor with a gear of 100",
+        "resolution of the joint positions; assumed: 16 bits per motor turn and a gear ratio of 100",
         unit="rad",
         bounds="from 0 to 0.01",
     )
     position_noise: float = key(
-        0.0, "standard deviation of the positions per tick", unit="rad", bounds="from 0 to 0.01"
+        0.0, "standard deviation of the noise of the joint positions, per tick", unit="rad", bounds="from 0 to 0.01"
     )
     torque_noise: float = key(
-        0.1, "standard deviation of the torques per tick; assumed", unit="Nm", bounds="from 0 to 100"
+        0.1,
+        "standard deviation of the noise of the motor torques, per tick; assumed",
+        unit="Nm",
+        bounds="from 0 to 100",
     )
     velocity_bandwidth: float = key(
-        250.0, "of the filter of differences of positions", unit="rad/s", bounds="from 0.1 to 1e+06"
+        250.0,
+        "bandwidth of the filter that computes joint speeds from position differences",
+        unit="rad/s",
+        bounds="from 0.1 to 1e+06",
     )
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> JointSensors:
@@ -248,15 +255,15 @@ class JointReadingsConfig(Config):
 
 @dataclass(kw_only=True)
 class ContactTruthConfig(Config):
-    """Scenario part `!ContactTruth`: the true wrench of contacts between named bodies, for the log and for judging.
+    """Scenario part `!ContactTruth`: the true wrench of contacts between named bodies, for log and analyses.
 
-    A body is named as in the plant, "left_link_7" or "left_yumi_gripper::base"; the name of a model is all its bodies.
-    Every `!Box` is of the body "world".
+    A body is named as in the plant, "left_link_7" or "left_yumi_gripper::base"; the name of a model stands for all its
+    bodies. Every `!Box` belongs to the body "world".
     """
 
-    on: list[str] = key(meaning="bodies that are acted on")
-    by: list[str] = key([], "bodies that act on them; empty: all others")
-    frame: str = key("world", "whose origin and axes the wrench is given in")
+    on: list[str] = key(meaning="bodies that the contact wrench acts on")
+    by: list[str] = key([], "bodies that exert the contact wrench; empty: all others")
+    frame: str = key("world", "frame whose origin and axes the contact wrench is given in")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -27,7 +27,7 @@ from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
 
-# What puts a signal out, in the words of a scenario.
+# Scenario parts that put a signal out, for messages.
 _MAKERS = {
     "estimated_wrench": "estimators: {force: !ForceEstimator {}}",
     "torque_elsewhere": "estimators: {force: !KalmanForceEstimator {}}",
@@ -35,7 +35,7 @@ _MAKERS = {
 
 
 class SignalChoice(Protocol):
-    """What stands at a key of the scenario's part `signals`."""
+    """The value of a key in the scenario's part `signals`."""
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The port that is the signal of this name."""
@@ -45,12 +45,14 @@ class SignalChoice(Protocol):
 class FromConfig(Config):
     """Scenario part `!From`: a signal that the named part puts out.
 
-    Of several force sensors the lag that controllers are designed with is that of the first.
+    With several force sensors, controllers are designed with the lag of the first.
     """
 
-    part: str = key(meaning="that puts the signal out: station, reference, motion, or the name of an estimator")
+    part: str = key(meaning="part that puts the signal out: station, reference, motion, or the name of an estimator")
     signal: str = key(
-        "", "its name there; empty: the same. A second sensor's begin with its name: other_measured_force"
+        "",
+        "name of the signal in that part; empty: the same name. Signals of a second sensor begin with the sensor's "
+        "name: other_measured_force",
     )
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
@@ -73,12 +75,12 @@ class FromConfig(Config):
 
 @dataclass(kw_only=True)
 class ExactConfig(Config):
-    """Scenario part `!Exact`: what only a simulation knows, in place of what is measured or estimated.
+    """Scenario part `!Exact`: a true signal of the simulation, in place of a measured or estimated one.
 
-    It is the one way by which a truth reaches a controller: for tasks with ideal sensors, beside the ones with real.
+    This is the only way to connect a true signal to a controller. It is meant for comparing ideal with real sensors.
     """
 
-    of: str = key(meaning="a signal that is the truth, such as tip_wrench")
+    of: str = key(meaning="name of a true signal of the station, such as tip_wrench")
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The port of the station.
@@ -99,10 +101,10 @@ class ProjectionConfig(Config):
     One force for each surface that is pressed on, of the arm that presses; (6a,) [Nm, N] becomes (k,) [N].
     """
 
-    of: str = key("estimated_wrench", "signal of shape (6a,): wrenches at the TCPs in the world")
-    arm: str = key("", "of this arm only; empty: of the arms that press")
-    along: str | list[float] = key("normal", "normal of the surface, or a vector in W")
-    factor: float = key(1.0, "factor on the force")
+    of: str = key("estimated_wrench", "name of a signal of shape (6a,): wrenches at the TCPs in the world")
+    arm: str = key("", "arm whose force is projected; empty: all arms that press on a surface")
+    along: str | list[float] = key("normal", "direction of the projection: normal (of the surface), or a vector in W")
+    factor: float = key(1.0, "factor on the projected force")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -156,12 +158,16 @@ _AXES = ("world", "tcp")
 
 @dataclass(kw_only=True)
 class WrenchBetweenConfig(Config):
-    """Scenario part `!WrenchBetween`: the wrench of one arm on another that it touches, of the estimates of both."""
+    """Scenario part `!WrenchBetween`: the wrench of one arm on another that it touches, from both estimates."""
 
-    between: list[str] = key(meaning="names of two arms: of the first on the second, at its TCP", size=2)
-    of: str = key("estimated_wrench", "signal of shape (6a,): wrenches at the TCPs")
-    axes: str = key("world", "those of that signal: world, or tcp, each that of its arm", choices=_AXES)
-    expressed_in: str = key("world", "axes of the wrench: world, or tcp, that of the second arm", choices=_AXES)
+    between: list[str] = key(
+        meaning="names of two arms; the wrench is that of the first on the second, at the second's TCP", size=2
+    )
+    of: str = key("estimated_wrench", "name of a signal of shape (6a,): wrenches at the TCPs")
+    axes: str = key("world", "axes of the wrenches at the TCPs: world, or tcp of each arm", choices=_AXES)
+    expressed_in: str = key(
+        "world", "axes of the wrench between the arms: world, or tcp of the second arm", choices=_AXES
+    )
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The output of a `WrenchBetween`.
@@ -183,16 +189,16 @@ class WrenchBetweenConfig(Config):
 
 
 class Signals:
-    """The signals of a loop in the making.
+    """The signals of a loop while it is being built.
 
     Args:
         builder: of the loop.
-        truth: names of signals that no controller or estimator is connected to.
-        readings: name of what is measured instead of some of them.
+        truth: names of true signals, which no controller or estimator is connected to.
+        readings: names of measured signals that replace some of them, by the name of the true one.
 
     Attributes:
         chosen: the ports that the scenario chose, by the name of the signal.
-        several: what several sensors of the station put out: by its name, what it is called there of each sensor.
+        several: by the name of each signal that several sensors put out, its name at the station for each sensor.
     """
 
     def __init__(self, builder: DiagramBuilder, truth: frozenset[str], readings: Mapping[str, str]):
@@ -202,15 +208,15 @@ class Signals:
         self.several: Mapping[str, Mapping[str, str]] = {}
 
     def offers(self, name: str) -> dict[str, OutputPort]:
-        """The ports with a signal of this name by the part they are of, the truth apart."""
+        """The ports with a signal of this name, by part; empty for a true signal."""
         return {} if name in self._truth else self._offers.get(name, {})
 
     def parts(self) -> list[str]:
-        """Names of the parts that put something out."""
+        """Names of the parts that have outputs."""
         return list(dict.fromkeys(part for offers in self._offers.values() for part in offers))
 
     def truths(self) -> dict[str, OutputPort]:
-        """What only the simulation knows, by name."""
+        """The true signals of the station, by name."""
         known = {name: parts for name, parts in self._offers.items() if name in TRUTH}
         return {name: parts["station"] for name, parts in known.items() if "station" in parts}
 
@@ -225,7 +231,7 @@ class Signals:
         """The port that is the signal of this name.
 
         Raises:
-            BadInputError: nobody puts it out, or several do and the scenario does not choose; or it is a truth.
+            BadInputError: no part puts it out, or several do and the scenario does not choose; or it is a true signal.
         """
         if name in self.chosen:
             return self.chosen[name]
@@ -253,7 +259,7 @@ class Signals:
     def connect(self, part: str, system: System, optional: tuple[str, ...] = ()) -> None:
         """Connect the inputs of the part of that name; the optional ones may stay open.
 
-        A block says in `port_keys` which key of the part wants an input, where it is not the part as a whole.
+        `port_keys` of a block names the key of the part that an input belongs to, where it is not the whole part.
 
         Raises:
             BadInputError: an input whose signal is not there, or of another size.

@@ -38,36 +38,67 @@ SHIPPED_FIDELITIES = {
 
 @dataclass(kw_only=True)
 class StationConfig(Config):
-    """Scenario part `station`."""
+    """Scenario part `station`: robot, drives, environment and sensors."""
 
-    fidelity: Any = slot("fidelity", MultibodyFidelity, meaning="how the parts are realised; also by name")
+    fidelity: Any = slot(
+        "fidelity", MultibodyFidelity, meaning="which physics is simulated: with or without dynamics; also by name"
+    )
     robot: str = key("comau_smart_six", "shipped robot, one arm of it (robot/arm), or a robot folder")
     tool: str | dict[str, str | None] | None = key(
         "force_probe",
-        "of every arm: shipped tool, tool folder, or null for the bare flange; or of each arm by its name",
+        "tool of every arm: shipped tool, tool folder, or null for the bare flange; or one for each arm, by its name",
     )
-    stiffness_set: str = key("", "set of joint stiffness of the control parameters; empty: their default")
-    stiffness_scale: float = key(1.0, "factor on that joint stiffness", bounds="from 0.001 to 1000")
-    elastic_joints: bool = key(True, "false: rigid joints, C_R = 0")
-    posture_deg: list[float] = key([], "start posture of all arms; empty: the default", unit="deg")
-    normal: list[float] = key([0.0, 0.0, 1.0], "normal where a surface has none, in W", bounds="not all zero", size=3)
-    gravity: bool = key(True, "false: the robot has no weight")
+    stiffness_set: str = key(
+        "", "name of a set of joint stiffnesses in the control parameters; empty: their default set"
+    )
+    stiffness_scale: float = key(1.0, "factor on the stiffness of all joints", bounds="from 0.001 to 1000")
+    elastic_joints: bool = key(True, "whether the joints are elastic; false: rigid joints, which add nothing to C_R")
+    posture_deg: list[float] = key(
+        [], "joint angles of all arms at the start; empty: the robot's default posture", unit="deg"
+    )
+    normal: list[float] = key(
+        [0.0, 0.0, 1.0],
+        "outward normal, in W, of surfaces that state no normal of their own",
+        bounds="not all zero",
+        size=3,
+    )
+    gravity: bool = key(True, "whether gravity acts; false: nothing has weight")
     self_collision: bool | None = key(
-        None, "links that touch push each other (Multibody); null: those of several arms, if they have shapes"
+        None,
+        "whether links collide with each other (Multibody only); null: only with several arms that have shapes",
     )
     period: float | None = key(
-        None, "control tick; null: that of the control parameters", unit="s", bounds="from 0.0001 to 1"
+        None, "control period (tick); null: that of the control parameters", unit="s", bounds="from 0.0001 to 1"
     )
-    time_step: float = key(0.001, "step of the MultibodyPlant, divides the period", unit="s", bounds="from 1e-05 to 1")
+    time_step: float = key(
+        0.001,
+        "time step of the MultibodyPlant; the control period must be a whole multiple of it",
+        unit="s",
+        bounds="from 1e-05 to 1",
+    )
     posture_period: float = key(
-        0.04, "how often what depends on the posture only is renewed, whole periods", unit="s", bounds="positive"
+        0.04,
+        "update period of quantities that depend on the posture only, such as the Jacobian; whole control periods",
+        unit="s",
+        bounds="positive",
     )
-    singularity_limit: float = key(20.0, "largest |J^-1 n| used undamped", unit="rad/m", bounds="from 0.1 to 1e6")
-    drive: Any = slot("drive", PositionDriveConfig, meaning="what the controller commands")
-    environment: Any = slot("environment", EnvironmentConfig, meaning="one part, or several: !Parts")
-    sensors: dict[str, Any] = slot("sensor", lambda: {"force": WristForceConfig()}, meaning="by name")
-    loads: list[Any] = slot("load", list, meaning="on the robot, over time")
-    faults: list[Any] = slot("fault", list, meaning="of the joint readings, over time")
+    singularity_limit: float = key(
+        20.0,
+        "largest |J^-1 n|, joint motion per displacement along the normal, that is used without singularity damping",
+        unit="rad/m",
+        bounds="from 0.1 to 1e6",
+    )
+    drive: Any = slot(
+        "drive", PositionDriveConfig, meaning="drives of the joints, which take the controller's commands"
+    )
+    environment: Any = slot(
+        "environment", EnvironmentConfig, meaning="what the robot touches: one part, or several as !Parts"
+    )
+    sensors: dict[str, Any] = slot(
+        "sensor", lambda: {"force": WristForceConfig()}, meaning="sensors of the station, by name"
+    )
+    loads: list[Any] = slot("load", list, meaning="external loads on the robot, over time")
+    faults: list[Any] = slot("fault", list, meaning="faults of the joint readings, over time")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -88,7 +119,7 @@ class StationConfig(Config):
         return {"environment": self.environment} if several is None else dict(several)
 
     def fails(self) -> bool:
-        """Whether readings fail on purpose."""
+        """Whether faults of readings are configured."""
         return bool(self.faults) or any(getattr(sensor, "faults", ()) for sensor in self.sensors.values())
 
     def delays(self) -> dict[str, float]:
@@ -98,7 +129,7 @@ class StationConfig(Config):
 
 
 def build_station(workcell: Workcell, seed: int = 0) -> Diagram:
-    """The station of a workcell, in its configured fidelity; `seed` is that of all its random numbers.
+    """The station of a workcell, in its configured fidelity; `seed` is the seed of all its random numbers.
 
     Raises:
         BadInputError: a part that does not fit, or that the fidelity cannot realise.

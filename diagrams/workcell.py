@@ -1,4 +1,4 @@
-"""The workcell: what can be said of a station before it is built."""
+"""The workcell: a station's configuration, checked, with its robot at the start posture, before blocks are built."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from forcectl.diagrams.station import StationConfig
 
-MOST_STEPS = 100  # of the plant in a tick
+MOST_STEPS = 100  # largest number of plant steps in a control tick
 _PERIOD = "station.period (null: the robot's)"
 
 
@@ -40,11 +40,11 @@ class Contact:
     """A surface that the tool of one arm presses on, touched with zero force at the start.
 
     Attributes:
-        name: of the environment's part.
+        name: name of the environment's part.
         environment: its configuration.
         arm: name of the arm that presses.
         n: outward unit normal in the world, shape (3,).
-        robot: the workcell's, with the TCP of this arm.
+        robot: model of the workcell's robot, with the TCP of this arm.
         start: link positions at the start, shape (n_q,) [rad].
         direction: J^-1 n at the start, shape (n_q,) [rad/m].
         row: n'J at the start, displacement along n per joint motion, shape (n_q,) [m/rad].
@@ -70,36 +70,39 @@ class Contact:
 
     @property
     def own_force(self) -> bool:
-        """Whether a block of the environment's own makes the force, not the contact that this fidelity has for it."""
+        """Whether the environment computes the force by a block of its own, not by the fidelity's contact model."""
         return getattr(self.environment, "own_block", hasattr(self.environment, "add_to"))
 
     @property
     def gap(self) -> float:
-        """Way of the tool to the surface at the start [m]."""
+        """Distance from the tool to the surface at the start [m]."""
         return getattr(self.environment, "gap", getattr(self.surface, "gap", 0.0))
 
     def sampled_response(self, stiffness: float, period: float) -> StateSpace:
-        """From [dx, dx'] of the motors to the force of a contact of this K_E [N/m]; of an unknown part a spring."""
+        """Response from [dx, dx'] of the motors to the contact force for this K_E [N/m].
+
+        An environment without a `sampled_response` of its own counts as a spring.
+        """
         if hasattr(self.environment, "sampled_response"):
             with about(self.environment):
                 return self.environment.sampled_response(stiffness, self.robot_compliance, period)
         return contact_response(stiffness, 0.0, self.robot_compliance, period)
 
     def add_to(self, builder: DiagramBuilder, period: float, *, robot_compliance: float) -> System:
-        """The environment as a force over a displacement, in series with C_R [m/N]; sampled every `period` [s]."""
+        """Add the block from displacement to contact force, in series with C_R [m/N], sampled every `period` [s]."""
         return add_part(self.environment, "environment", builder, 1, period, robot_compliance=robot_compliance)
 
 
 @dataclass(frozen=True)
 class Workcell:
-    """A station's configuration with its robot loaded and looked at in the start posture.
+    """A station's configuration with its robot loaded and evaluated at the start posture.
 
     Attributes:
         config: of the station.
         robot: kinematics, dynamics and parameters.
         start: link positions at the start, shape (n_q,) [rad].
         period: control tick [s].
-        posture_period: how often what depends on the posture only is renewed [s].
+        posture_period: update period of quantities that depend on the posture only [s].
         contacts: the surfaces that are pressed on, in the order of the environment's parts.
         obstacles: boxes around the robot, by name.
         parts: of assemblies, fixed or held, by name.
@@ -126,7 +129,7 @@ class Workcell:
         """The one surface that is pressed on.
 
         Raises:
-            BadInputError: there is another number of them.
+            BadInputError: there is none, or more than one.
         """
         if len(self.contacts) != 1:
             raise BadInputError(f" has {len(self.contacts)} surfaces: must have one here", key="environment")
@@ -139,13 +142,13 @@ class Workcell:
 
     @property
     def self_collision(self) -> bool:
-        """Whether links that touch push each other; if not said, those of several arms that have all their shapes."""
+        """Whether links collide with each other; by default only with several arms whose shapes are all there."""
         parts, said = self.robot.parts, self.config.self_collision
         return said if said is not None else len(parts.arms) > 1 and not parts.missing_shapes
 
     @property
     def has_gravity(self) -> bool:
-        """Whether the robot feels its weight."""
+        """Whether gravity acts on the robot."""
         return self.has_dynamics and self.config.gravity
 
     @property
@@ -157,7 +160,8 @@ class Workcell:
     def drive_compliance(self) -> Vector:
         """Part of each C_R between the position command and the motors, shape (k,) [m/N].
 
-        In stations without dynamics an elastic drive is part of the joint springs, and the motors do not show it.
+        In stations without dynamics the compliance of a drive is part of the joint springs, so that motor positions do
+        not include it.
         """
         if not self.has_dynamics:
             return np.zeros(len(self.contacts))
@@ -165,16 +169,16 @@ class Workcell:
 
     @property
     def drive_stiffness(self) -> Vector:
-        """Stiffness at which the drives hold their command, shape (n_q,) [Nm/rad]; infinite for position loops."""
+        """Stiffness with which the drives hold their command, shape (n_q,) [Nm/rad]; infinite for position loops."""
         return holding_stiffness(self.config.drive, self.robot)
 
     @property
     def spring_stiffness(self) -> Vector:
-        """Stiffness of the joint springs, shape (n_q,) [Nm/rad]; in stations without dynamics together with the drives.
+        """Stiffness of the joint springs, shape (n_q,) [Nm/rad]; without dynamics in series with that of the drives.
 
-        Infinite for rigid joints, but for drives that move a multibody plant by springs: these are then as stiff as its
-        step can resolve, well above every other stiffness, and below the bound where the contact solver would soften
-        them by itself.
+        Infinite for rigid joints, except where a drive moves a multibody plant through springs. These are then as stiff
+        as the plant's step can resolve: well above every other stiffness, and below the bound at which the contact
+        solver would soften them by itself.
         """
         rigid = np.full(self.num_joints, np.inf)
         joints: Vector = self.robot.joint_stiffness if self.config.elastic_joints else rigid
@@ -188,7 +192,7 @@ class Workcell:
 
     @property
     def gravity_torque(self) -> Vector:
-        """Torque that holds the robot at the start, shape (n_q,) [Nm]."""
+        """Torque that balances gravity at the start, shape (n_q,) [Nm]."""
         if not self.has_gravity:
             return np.zeros(self.num_joints)
         return self.robot.gravity_torque(self.start_context())
@@ -201,7 +205,7 @@ class Workcell:
         return self.start + self.gravity_torque / self.spring_stiffness
 
     def signal_size(self, name: str) -> int | None:
-        """Size of the signal of this name, see `SIGNALS`; None of another one."""
+        """Size of the signal of this name, see `SIGNALS`; None for a name that is not there."""
         if name not in SIGNALS:
             return None
         held = sum(bool(part.arm) for part in self.parts.values())
@@ -212,7 +216,7 @@ class Workcell:
         return int(shape.removesuffix(of) or 1) * counts[of]
 
     def check_sizes(self, system: System) -> None:
-        """BadInputError where an output of a part has another size than the signal of its name."""
+        """Raise BadInputError where the size of a part's output differs from that of the signal of its name."""
         for port in map(system.get_output_port, range(system.num_output_ports())):
             name = port.get_name()
             size, vector = self.signal_size(name), port.get_data_type() == PortDataType.kVectorValued
@@ -235,7 +239,7 @@ class Workcell:
 
 
 def describe(config: StationConfig) -> Workcell:
-    """Load the robot of a station and look at the start posture.
+    """Load the robot of a station and evaluate it at the start posture.
 
     Raises:
         BadInputError: unknown robot, arm or tool, a posture of the wrong length, beyond the joint limits or singular
@@ -321,7 +325,7 @@ def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
 
 
 def _check_clear(robot: RobotModel, start: Vector, obstacles: Mapping[str, ObstacleConfig]) -> None:
-    """No link of the robot has its origin inside a box at the start."""
+    """Raise BadInputError where a link of the robot has its origin inside a box at the start."""
     if not obstacles:
         return
     context, plant = robot.context_at(start), robot.plant
@@ -338,7 +342,7 @@ def _check_clear(robot: RobotModel, start: Vector, obstacles: Mapping[str, Obsta
 
 
 def holding_stiffness(drive: Any, robot: RobotModel) -> Vector:
-    """At which a drive holds its command at rest, shape (n_q,) [Nm/rad]; infinite where the drive states none."""
+    """Stiffness of a drive that holds its command, shape (n_q,) [Nm/rad]; infinite where the drive states none."""
     if not hasattr(drive, "holding_stiffness"):
         return np.full(robot.num_joints, np.inf)
     with about(drive):

@@ -1,13 +1,13 @@
 """The drives of a robot behind a joint interface: `drive: !JointInterface`.
 
-References of position, speed and torque are taken every control tick, by servo loops of 2 kHz of which the plant, at
-1 kHz, feels the mean: see `forcectl.plant.drives.joint_servo`. Friction (5.2) sticks.
+References of position, speed and torque are sampled every control tick. Servo loops run at 2 kHz; the mean of their
+torque acts on the plant, at 1 kHz: see `forcectl.plant.drives.joint_servo`. Friction (5.2) sticks.
 
 Rigid joints    servo torque -> links with their rotors; friction is part of the plant's implicit step.
 Elastic joints  servo torque -> rotors with friction -> springs -> links.
 
-A command moves the motors one `time_step` after its tick, then with the lag of the servo: with a speed command that
-fits, 1/w^2 times the acceleration; without one, 2 zeta/w.
+A command moves the motors one `time_step` after its tick, then with the lag of the servo: with a consistent speed
+command an error of 1/w^2 times the acceleration, without one a delay of 2 zeta/w.
 
 Simplifications: motors are torque sources, limited with `servo.torque_limits`; couplings between the rotors of
 different joints are left out; friction does not depend on load or temperature.
@@ -49,38 +49,48 @@ class JointServoConfig(Config):
     """Scenario part `servo`: the position loops of the joints, see `forcectl.plant.drives.joint_servo`."""
 
     bandwidth: float | None = key(
-        None, "w; null: that of the control parameters", unit="rad/s", bounds="from 0.1 to 10000"
+        None,
+        "bandwidth w of the position loops; null: that of the control parameters",
+        unit="rad/s",
+        bounds="from 0.1 to 10000",
     )
     damping_ratio: float | None = key(
-        None, "zeta; null: that of the control parameters", unit="1", bounds="from 0.01 to 10"
+        None,
+        "damping ratio zeta of the position loops; null: that of the control parameters",
+        unit="1",
+        bounds="from 0.01 to 10",
     )
-    integral_gain: float = key(15.0, "gain w_i of the integral", unit="1/s", bounds="from 0 to 10000")
+    integral_gain: float = key(
+        15.0, "integral gain w_i of the position loops; 0: none", unit="1/s", bounds="from 0 to 10000"
+    )
     rate: float = key(
         2000.0,
-        "of the loops: as often as goes into a time step of the plant, at least once",
+        "sampling rate of the servo loops, rounded to whole samples in a time step of the plant, at least one",
         unit="1/s",
         bounds="from 1 to 100000",
     )
-    torque_limits: bool = key(True, "false: motors without limit")
+    torque_limits: bool = key(True, "whether motor torques are limited; false: motors without torque limits")
 
 
 @dataclass(kw_only=True)
 class JointFrictionConfig(Config):
-    """Scenario part `friction`: (5.2) with the numbers of the control parameters."""
+    """Scenario part `friction`: joint friction (5.2) with the numbers of the control parameters."""
 
-    scale: float = key(1.0, "factor on all its numbers", bounds="from 0 to 20")
-    sticks: bool = key(True, "false: sat(130 q') for the sign of q', which creeps at rest as (5.2) does")
+    scale: float = key(1.0, "factor on all numbers of the joint friction", bounds="from 0 to 20")
+    sticks: bool = key(
+        True, "whether joints at rest stick; false: sat(130 q') for the sign of q', which creeps at rest as (5.2) does"
+    )
 
 
 @dataclass(kw_only=True)
 class JointInterfaceConfig(Config):
-    """Scenario part `drive: !JointInterface`."""
+    """Scenario part `drive: !JointInterface`: servo loops of all joints, with friction and torque limits."""
 
     servo: JointServoConfig = key(JointServoConfig, "position loops of the joints")
-    friction: JointFrictionConfig = key(JointFrictionConfig, "of the joints")
+    friction: JointFrictionConfig = key(JointFrictionConfig, "friction of the joints")
 
     moves_links = True  # rigid joints get their torque directly
-    # Exact, so only the simulation knows them; who wants them gets the readings of the interface.
+    # Exact, so true signals of the simulation; blocks that need them get the readings of the interface instead.
     readings: ClassVar[dict[str, str]] = {"motor_position": "joint_position", "motor_velocity": "joint_velocity"}
 
     def true_friction(self, robot: RobotModel) -> JointFriction:
@@ -92,9 +102,9 @@ class JointInterfaceConfig(Config):
         return workcell.gravity_torque + self.true_friction(workcell.robot).offset
 
     def pressing(self, workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:
-        """From [dx_bar, its rate] to the force of a contact of this K_E [N/m], per tick, without friction.
+        """Response from [dx_bar, its rate] to the contact force for this K_E [N/m], per tick, without friction.
 
-        Links, rotors, servo loops and contact are one linear system between ticks: the servos give way to the contact.
+        Links, rotors, servo loops and contact are one linear system between ticks: the contact deflects the servos.
         The rate is not used, as a force law commands positions. Joint springs are in series with the contact.
         """
         n, context = workcell.num_joints, workcell.start_context()
@@ -117,7 +127,7 @@ class JointInterfaceConfig(Config):
         )
         wanted = holding @ contact.direction
         b = np.concatenate([np.zeros(n), np.linalg.solve(mass, wanted), gains.integral * wanted]).reshape(-1, 1)
-        # A command is felt one step after its tick.
+        # A command takes effect one step after its tick.
         step = workcell.config.time_step
         _, old = zero_order_hold(a, b, step)
         later, new = zero_order_hold(a, b, workcell.period - step)
@@ -167,8 +177,8 @@ class JointInterface(PythonDiagram):
     motor_state: shape (2n,), position and speed of the motors of elastic joints [rad, rad/s]. State.
     motor_position, motor_velocity: shape (n,), its halves [rad, rad/s]. State.
 
-    Sampling: every `period` [s] of the workcell the commands, felt by the motors one step later; every `time_step` [s]
-    of the workcell the rest.
+    Sampling: every `period` [s] of the workcell the commands, which act on the motors one step later; every
+    `time_step` [s] of the workcell the rest.
 
     Args:
         workcell: the workcell.

@@ -5,7 +5,7 @@ Joint motion along J^-1 n goes through the scalar servo, everything else follows
 
     q_m = q_f + J^-1 n (x - n'J (q_f - q_0)),    x = servo(n'J (q_f - q_0))           with J of the start posture
 
-The calibrated friction is known along n only, so this is all that is known of it.
+The friction is calibrated along n only, so it acts along n only.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class MotorSide(PythonDiagram):
         contact, n_q, q_0 = workcell.contact, workcell.num_joints, workcell.motor_start
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
-        # Counted from the start: what is added to a force loop by rounding is then that of the command alone.
+        # Relative to the start, so that the only rounding errors in a force loop are those of the command.
         motion = add("joint_motion", affine(np.eye(n_q), -q_0))
         builder.ExportInput(motion.get_input_port(), "joint_position_command")
         filter_ = loop.add_to(builder, n_q, workcell.period)

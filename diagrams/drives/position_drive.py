@@ -38,7 +38,7 @@ from forcectl.robot.model import RobotModel
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-_LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its own
+_LARGEST_DRIVE_STEP = 0.5e-3  # [s] longer steps do not resolve how friction sticks and slips
 
 
 @dataclass(kw_only=True)
@@ -48,12 +48,14 @@ class PositionDriveConfig(Config, in_batches=True):
     position_loop: PositionLoopConfig = key(PositionLoopConfig, "filter and delay of the joint references")
     servo: ServoConfig = key(ServoConfig, "position loops of the motors")
     encoders: bool = key(
-        False, "true: controllers read positions by the encoders of a sensor !JointReadings, with its quantum"
+        False,
+        "true: controllers read motor positions from the encoders of a sensor !JointReadings, with its resolution; "
+        "false: exact motor positions",
     )
 
     @property
     def readings(self) -> dict[str, str]:
-        """What stands for a signal that only the simulation knows, by its name."""
+        """Names of measured signals that replace true signals of the simulation, by the name of the true one."""
         return {"motor_position": "joint_position"} if self.encoders else {}
 
     def delays(self) -> dict[str, float]:
@@ -61,17 +63,17 @@ class PositionDriveConfig(Config, in_batches=True):
         return {"drive.position_loop.delay": self.position_loop.delay}
 
     def pressing(self, workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:
-        """From [dx_bar, its rate] to the force of a contact of this K_E [N/m], per tick, without friction.
+        """Response from [dx_bar, its rate] to the contact force for this K_E [N/m], per tick, without friction.
 
-        The stiffness of the links' side is that at rest; their inertia is left out.
+        The stiffness on the link side is that at rest; the inertia of the links is left out.
         """
         moved = self.servo.sampled_response(workcell.period) * self.position_loop.sampled_response(workcell.period)
         return contact.sampled_response(stiffness, workcell.period) * moved
 
     def needed_torque(self, workcell: Workcell, springs: Vector, speeds: Vector) -> Vector:
-        """The most that the motors may have to give for a motion, shape (k, n) [Nm]; the drives have no limit.
+        """Largest torque that the motors may need for a motion, shape (k, n) [Nm]; the drives have no limit.
 
-        That is inertia, joint springs and friction of the motors; where one sticks, any part of its Coulomb friction.
+        It balances inertia, joint springs and friction; a motor that sticks may need up to its Coulomb friction.
 
         Args:
             workcell: the workcell.
@@ -114,7 +116,8 @@ class PositionDriveConfig(Config, in_batches=True):
 class JointImpedanceDriveConfig(JointImpedanceConfig, PositionDriveConfig):
     """Scenario part `drive: !JointImpedance`: the drives take torques, and impedance control holds the joints.
 
-    Torques with dynamics; without, impedance control is part of the joint springs, which are softer by it.
+    With dynamics the drives are torque-controlled. Without, the joint stiffness of impedance control is in series with
+    the joint springs.
     """
 
     def holding_stiffness(self, robot: RobotModel) -> Vector:

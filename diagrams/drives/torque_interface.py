@@ -17,7 +17,7 @@ from forcectl.plant.drives.joint_impedance import GravityCompensation, JointImpe
 from forcectl.plant.drives.motors import MOTOR_PORTS, joint_to_motor
 from forcectl.plant.drives.torque_drive import TorqueDrive
 
-_MOST_TAKEN = 1.7  # of a motor's speed per tick; it grows from 2 on
+_MOST_TAKEN = 1.7  # largest share of a motor's speed that is removed per tick; from 2 on the speed grows
 
 
 class TorqueInterface(PythonDiagram):
@@ -100,10 +100,10 @@ class TorqueInterface(PythonDiagram):
 def _check_sampling(
     tick: float, step: float, stiffness: Vector, damping: Vector, inertia: Vector, springs: Vector
 ) -> None:
-    """BadInputError for gains that are not stable when sampled every `tick`, and every `step` of the plant.
+    """Raise BadInputError for gains that are unstable when sampled every `tick`, and every `step` of the plant.
 
     Of 300 random gains, postures, surfaces and sampling periods within these bounds none was unstable; well beyond them
-    nearly all are. `inertia` is that of the motors, minus what the torque loop takes of it.
+    nearly all are. `inertia` is that of the motors as reduced by the torque loop.
     """
     taken = (damping * tick + springs * step**2) / inertia
     worst = int(np.argmax(taken))

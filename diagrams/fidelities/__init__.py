@@ -1,1 +1,1 @@
-"""Fidelities: ways to realise the parts of a station."""
+"""Fidelities: ways to simulate the parts of a station, with or without dynamics."""

@@ -32,7 +32,7 @@ class KinematicFidelity(Config):
     constant_jacobian = False
 
     def check(self, workcell: Workcell) -> None:
-        """Whether the workcell can be realised.
+        """Check that this fidelity can simulate the workcell.
 
         Raises:
             BadInputError: it has a part that needs dynamics, or a two-sided spring.
@@ -52,7 +52,7 @@ class OneDimensionalFidelity(KinematicFidelity, in_batches=True):
     constant_jacobian = True
 
     def check(self, workcell: Workcell) -> None:
-        """Whether the workcell can be realised.
+        """Check that this fidelity can simulate the workcell.
 
         Raises:
             BadInputError: it has a part that needs dynamics.
@@ -87,10 +87,10 @@ def _check_parts(workcell: Workcell, name: str) -> None:
 
 
 def check_one_sided(workcell: Workcell) -> None:
-    """Two-sided springs are for one dimension only.
+    """Refuse two-sided springs, which only OneDimensional can simulate.
 
     Raises:
-        BadInputError: there is one.
+        BadInputError: a contact is a two-sided spring.
     """
     for contact in workcell.contacts:
         if not getattr(contact.environment, "one_sided", True):
@@ -99,7 +99,7 @@ def check_one_sided(workcell: Workcell) -> None:
 
 
 class LightStation(PythonDiagram):
-    """Robot of motor positions only; see `forcectl.diagrams.station` for the slot it fills.
+    """A station whose robot is its motor positions only; see `forcectl.diagrams.station` for the slot it fills.
 
     ```
     name: LightStation
@@ -198,7 +198,7 @@ def add_sensors(assembly: Assembly, site: Site) -> None:
 
     Args:
         assembly: of the station.
-        site: without the seed of a sensor; every sensor has its own.
+        site: of the station; every sensor gets a seed of its own.
     """
     for i, (name, sensor) in enumerate(site.workcell.config.sensors.items()):
         before = set(assembly.signals)

@@ -6,10 +6,10 @@
 The joint springs are actuator PD laws whose desired state is the motor side, and the contact is Drake's compliant point
 contact with linear (Kelvin-Voigt) dissipation; the discrete SAP solver integrates both implicitly, so an environment
 from 1e3 to 1e6 N/m and the joints stay stable at the default 1 ms. The step is an implicit Euler step: it damps a mode
-of angular frequency w by an extra damping ratio of about w dt/2. A surface of a class of one's own acts by its force at
-the TCP, one step old; a `!PegInBore` by what it foresees for the end of the step.
+of angular frequency w by an extra damping ratio of about w dt/2. A surface of a user's class acts by its force at the
+TCP, one step old; a `!PegInBore` by the force that it predicts for the end of the step.
 
-All arms share one plant. Links push each other where `self_collision` says so; unless it does, those of several arms.
+All arms share one plant. Links collide with each other as `self_collision` states; by default only with several arms.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ class MultibodyFidelity:
     constant_jacobian = False
 
     def check(self, workcell: Workcell) -> None:
-        """Whether the workcell can be realised.
+        """Check that this fidelity can simulate the workcell.
 
         Raises:
-            BadInputError: it has a two-sided spring, or a surface with a force of its own that is more than a force.
+            BadInputError: it has a two-sided spring, or a surface with a block of its own that has friction or turns.
         """
         check_one_sided(workcell)
         for contact in workcell.contacts:
@@ -168,8 +168,8 @@ def _add_drive(assembly: Assembly, site: Site) -> None:
         torque = through(builder, "spring_torque", ordered, plant.get_net_actuation_output_port(instance))
         assembly.offer("spring_torque", torque)
     elif drive.HasInputPort("spring_torque"):
-        # Springs that stand for rigid joints are too stiff for the explicit step of the drives: no load, as in the
-        # stations without dynamics.
+        # Springs that model rigid joints are too stiff for the explicit step of the drives, which therefore have no
+        # load, as in the stations without dynamics.
         rest = builder.AddNamedSystem("no_load", ConstantVectorSource(np.zeros(n)))
         assembly.offer("spring_torque", rest.get_output_port())
     if "joint_torque" in signals:
@@ -195,12 +195,12 @@ def _add_drive(assembly: Assembly, site: Site) -> None:
 
 
 def _ordering(matrix: Vector) -> System:
-    """A block with this gain, which names the order of a robot's actuators."""
+    """A block with this gain, which sorts a vector into the order of a robot's actuators."""
     return PassThrough(len(matrix)) if np.array_equal(matrix, np.eye(len(matrix))) else MatrixGain(matrix)
 
 
 def _connect_rigid(assembly: Assembly, site: Site) -> None:
-    """Motor torque and friction of joints without springs."""
+    """Connect motor torque and friction of joints without springs."""
     builder, workcell, plant, parts = assembly.builder, site.workcell, site.plant, site.parts
     connect, instance = builder.Connect, parts.instance
     torque = actuation_gain(plant, instance, parts.actuators)
@@ -219,17 +219,17 @@ def _connect_rigid(assembly: Assembly, site: Site) -> None:
 
 
 def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
-    """Uneven surfaces, surfaces that act by their force, and the truth of all contacts.
+    """Add uneven surfaces, surfaces with a force block of their own, and the truth of all contacts.
 
     Returns:
-        the wrenches of the latter at the TCPs, shape (6a,) [Nm, N]; None without.
+        the wrenches of surfaces with their own block at the TCPs, shape (6a,) [Nm, N]; None without such surfaces.
     """
     builder, workcell, signals = assembly.builder, site.workcell, assembly.signals
     forces: dict[int, OutputPort] = {}
     displacements = []
     for i, (contact, mounting) in enumerate(zip(workcell.contacts, site.mountings, strict=True)):
         label = contact.name if len(workcell.contacts) > 1 else ""
-        # An uneven surface is raised to its height at the place of the links.
+        # The height of an uneven surface is that at the position of the links.
         if len(workcell.contacts) > 1 and not is_uniform(contact):
             with about(contact.environment):
                 raise BadInputError(" must be flat and of one material beside other surfaces", key="surface")
@@ -265,7 +265,7 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
 def _add_own_surface(
     assembly: Assembly, workcell: Workcell, contact: Contact, uneven: Mapping[str, OutputPort]
 ) -> OutputPort:
-    """A surface of a class of one's own: its force from the displacement of the links."""
+    """Add a surface of a user's class: its force from the displacement of the links."""
     builder = assembly.builder
     place = TipDisplacement(contact.robot, contact.n, workcell.start, period=None)
     displacement = through(builder, f"place_on_{contact.name}", place, assembly.signals["link_position"])
@@ -287,7 +287,7 @@ def _own_wrenches(builder: DiagramBuilder, workcell: Workcell, forces: dict[int,
 
 
 def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> OutputPort:
-    """Loads on the robot, and what they and contacts do to its joints; returns the loads as forces on the plant."""
+    """Add loads and the joint torques that loads and contacts cause; returns the loads as forces on the plant."""
     builder, workcell, plant, parts = assembly.builder, site.workcell, site.plant, site.parts
     loads, signals = workcell.config.loads, assembly.signals
     frames = loaded_frames(loads, workcell.robot)
@@ -325,7 +325,7 @@ def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> Output
 
 
 class MountingForces(PythonBlock):
-    """True contact forces along the normals, which the mountings of the surfaces carry.
+    """True contact forces along the normals: the reactions at the mountings of the surfaces.
 
     ```
     name: MountingForces

@@ -1,7 +1,7 @@
-"""Contact of parts by areas of pressure: on boxes, and of shapes whose model says nothing of it.
+"""Hydroelastic contact of parts: on boxes, and for shapes whose model does not define it.
 
-One point of contact cannot carry a face: it jumps from corner to corner, and a part that lies on a box wanders and
-turns for good. Links have shapes without pressure: they touch boxes and parts in one point each.
+A single contact point cannot support a face: it jumps from corner to corner, and a part that lies on a box drifts and
+turns without end. Links have no hydroelastic shapes: they touch boxes and parts in one point each.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from pydrake.multibody.tree import BodyIndex
 from forcectl.diagrams.mechanics.placed_part import PlacedPart
 from forcectl.plant.contact.obstacle import ObstacleConfig
 
-_AREA = 1e-4  # [m2] that a box carries with its stiffness at a point
-_FACETS = 5  # of a round shape, per radius
-_ANY = 1.0  # [m] edge of facets of a shape that has only flat faces
+_AREA = 1e-4  # [m2] contact area on which a box has the stiffness of its point contact
+_FACETS = 5  # facets of a round shape, per radius
+_ANY = 1.0  # [m] edge of the facets of a shape with flat faces only; any length does
 
 
 def add_pressure(properties: ProximityProperties, obstacle: ObstacleConfig) -> None:
-    """Let a box carry parts by areas.
+    """Give a box compliant hydroelastic properties, so that it supports parts by areas of contact.
 
     Args:
         properties: of its shape.
         obstacle: the box.
     """
-    # Drake's pressure is zero at the faces, and the modulus at the middle of the thinnest side.
+    # Drake's pressure grows from zero at the faces to the modulus in the middle of the thinnest side.
     modulus = obstacle.stiffness / _AREA * 0.5 * min(obstacle.size)
     AddCompliantHydroelasticProperties(_ANY, float(modulus), properties)
 
 
 def touch_by_area(plant: MultibodyPlant, scene_graph: SceneGraph, parts: tuple[PlacedPart, ...]) -> None:
-    """Make the shapes of parts rigid ones that touch by areas, where their model says nothing of it.
+    """Give the shapes of parts rigid hydroelastic properties, where their model does not define any.
 
     Args:
         plant: finalized.
@@ -60,7 +60,7 @@ def touch_by_area(plant: MultibodyPlant, scene_graph: SceneGraph, parts: tuple[P
 
 
 def _facet(shape: Shape) -> float:
-    """Edge of the facets that stand for a round shape [m]."""
+    """Edge of the facets that approximate a round shape [m]."""
     if isinstance(shape, Ellipsoid):
         return min(shape.a(), shape.b(), shape.c()) / _FACETS
     return shape.radius() / _FACETS if hasattr(shape, "radius") else _ANY

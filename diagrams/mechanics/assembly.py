@@ -15,7 +15,7 @@ from forcectl.errors import BadInputError, about
 from forcectl.framework.block import of_ports
 from forcectl.framework.wiring import check_names, input_names, optional_inputs, output_names
 
-# What comes from outside of a station.
+# Inputs of a station.
 STATION_INPUTS = (
     "joint_position_command",
     "joint_velocity_command",
@@ -23,7 +23,7 @@ STATION_INPUTS = (
     "gripper_command",
     "external_wrench",
 )
-# What only its parts need.
+# Signals that are used within a station only.
 _INTERNAL = ("motor_state", "spring_torque", "torque_integral", "joint_torque", "displacement", "reaction_forces")
 
 
@@ -37,7 +37,7 @@ def selector(size: int, rows: list[int], name: str) -> Selector:
 
 
 def check_reads(port: InputPort, source: OutputPort) -> None:
-    """BadInputError for an input of another kind or size than the signal of its name."""
+    """Raise BadInputError for an input whose kind or size differs from that of the signal of its name."""
     name, vector = port.get_name(), source.get_data_type() == PortDataType.kVectorValued
     if port.get_data_type() != source.get_data_type():
         kind = f"a vector of size {source.size()}" if vector else "abstract"
@@ -47,7 +47,7 @@ def check_reads(port: InputPort, source: OutputPort) -> None:
 
 
 class Assembly:
-    """A station in the making.
+    """A station while it is being built.
 
     Args:
         builder: of the station.
@@ -62,13 +62,13 @@ class Assembly:
         self.signals: dict[str, OutputPort] = {}
         self._open: list[tuple[str, InputPort, Any]] = []
         self._parts: list[tuple[Any, System]] = []
-        self._sensed: dict[str, dict[str, str]] = {}  # by what sensors put out: its name in the station by the sensor's
-        # Of what a further sensor puts out, by the name with the sensor's in front.
+        self._sensed: dict[str, dict[str, str]] = {}  # by output and sensor: the signal's name in the station
+        # Of outputs of further sensors, by their name with the sensor's name in front.
         self._units: dict[str, str] = {}
         self._components: dict[str, str | Components] = {}
 
     def offer(self, name: str, port: OutputPort) -> None:
-        """Make a port known under a name.
+        """Offer a port as the signal of a name.
 
         Raises:
             BadInputError: another part puts out a signal of that name.
@@ -79,16 +79,16 @@ class Assembly:
         self.signals[name] = port
 
     def add(self, system: System, part: Any = None) -> None:
-        """Take a part in: its outputs are offered, its inputs are connected by `finish`.
+        """Add a part: its outputs are offered, its inputs are connected by `finish`.
 
         Args:
             system: already in the builder.
-            part: configuration that it is of, for messages.
+            part: its configuration, for messages.
         """
         self._take(system, part, (), "")
 
     def add_sensor(self, system: System, name: str, part: Any) -> None:
-        """Take a sensor in. What another sensor puts out already has the name of this one in front.
+        """Add a sensor; an output whose name another sensor uses already gets the name of this sensor in front.
 
         Args:
             system: already in the builder; is renamed when another block there has its name.
@@ -112,7 +112,7 @@ class Assembly:
         for name in output_names(system):
             if name not in known:
                 self.offer(name, system.GetOutputPort(name))
-            elif name not in TRUTH or name == "body_contact_wrench":  # of a surface the truth is the same
+            elif name not in TRUTH or name == "body_contact_wrench":  # other true signals are the same for all
                 self.offer(prefix + name, system.GetOutputPort(name))
                 self._units[prefix + name] = unit_of(name, getattr(system, "port_units", {}))
                 shape = SIGNALS[name].shape if name in SIGNALS else ""
@@ -120,15 +120,15 @@ class Assembly:
                     self._components[prefix + name] = made
 
     def know(self, system: System, part: Any) -> None:
-        """Remember which part's configuration a block is of."""
+        """Record which part a block belongs to, for messages."""
         self._parts.append((part, system))
 
     def want(self, name: str, port: InputPort, part: Any = None) -> None:
-        """Connect an input to the signal of that name when everything is there; it is of this part's configuration."""
+        """Register an input, which `finish` connects to the signal of that name; `part` is for messages."""
         self._open.append((name, port, part))
 
     def finish(self, station: Diagram) -> None:
-        """Connect what is open, export what comes from outside and what is put out, and build.
+        """Connect the registered inputs, export the inputs and outputs of the station, and build it.
 
         Raises:
             BadInputError: an input that nothing is connected to.
@@ -151,7 +151,7 @@ class Assembly:
         for name, port in self.signals.items():
             if name not in _INTERNAL and port.get_data_type() == PortDataType.kVectorValued:
                 self.builder.ExportOutput(port, name)
-        for part, system in reversed(self._parts):  # the one that was added to what was there
+        for part, system in reversed(self._parts):  # the last one first: the error is about it
             with about(part):
                 check_names(self.builder, [system])
         self.builder.BuildInto(station)

@@ -1,10 +1,10 @@
 """The compliant environment of the multibody station: a body that the ball of the tool touches.
 
 A surface that is the same everywhere is welded to the world, and its compliance is that of the contact. Otherwise the
-contact acts on a massless skin welded to something that slides along n, so that the contact normal stays n and the
-reaction of that weld is the force of the contact, free of inertia. For an uneven surface of one material that is a
-plate driven to the height under the tool, and turned to its slope where the normal turns; for several materials it is a
-carrier on the spring of the place, see `forcectl.plant.contact.surface_spring`.
+contact acts on a massless skin welded to a body that slides along n, so that the contact normal stays n and the
+reaction of that weld is the contact force, free of inertia. For an uneven surface of one material that body is a plate
+driven to the height under the tool, and turned to its slope where the normal turns. For several materials it is a
+carrier on a spring of the local stiffness, see `forcectl.plant.contact.surface_spring`.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ from forcectl.plant.contact.surface_spring import SurfaceSpring
 BALL_COMPLIANCE = 1e-7
 _SKIN_COMPLIANCE = 1e-7  # of the contact on a surface of several materials [m/N], taken out again as well
 _CARRIER_MASS = 0.1  # of such a surface [kg]
-_TURNING_MASS, _TURNING_SIZE = 10.0, 1.0  # of a ball as inert as a surface whose normal turns [kg, m]
+_TURNING_MASS, _TURNING_SIZE = 10.0, 1.0  # ball with the inertia of a surface whose normal turns [kg, m]
 
 
 def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact) -> tuple[Joint, GeometryId]:
-    """Add the body that a contact's surface is, its top face through what of the tool touches it at the start.
+    """Add the body of a contact's surface, its top face at the lowest point of the tool at the start, or the gap below.
 
     Args:
         plant: not finalized, with the robot.
@@ -54,10 +54,10 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
         contact: one of its contacts.
 
     Returns:
-        the weld that carries the contact, its child's z axis is the normal; and the surface.
+        the weld that carries the contact, whose child frame has the normal as z axis; and the geometry of the surface.
 
     Raises:
-        BadInputError: stiffer than the compliance that the model of contact has of its own.
+        BadInputError: the surface is stiffer than the contact model's own compliance allows.
     """
     config, n = contact.environment, contact.n
     points = touching_points(contact)
@@ -92,7 +92,7 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
         if config.surface.turning:
             sliding, mass = _add_turn(plant, instance, surface, step).body_frame(), mass + _TURNING_MASS
         p = 10.0 * mass / step**2
-        # Without damping: the implicit step damps so stiff a drive by itself, and the plate is there a step later.
+        # Without damping: the implicit step damps so stiff a drive by itself, and the plate arrives one step later.
         _add_slide(plant, instance, X_WE, sliding, PdControllerGains(p=p, d=0.0))
         weld = _add_skin(plant, instance, surface)
         compliance -= 1 / p
@@ -103,7 +103,7 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
         largest = 1 / (1 / config.stiffness - compliance)
         raise BadInputError(f" = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody", key="stiffness")
     if getattr(config, "by_pressure", False):
-        # Drake's rigid face gives nothing.
+        # Drake's rigid face has no compliance.
         compliance += BALL_COMPLIANCE
         material = contact_material(
             1 / compliance,
@@ -127,7 +127,7 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
 
 
 def touching_points(contact: Contact) -> Array:
-    """What of the tool touches a surface, from the TCP at the start in the world, shape (N, 3) [m]; usually the TCP."""
+    """Points of the tool that touch a surface, from the TCP at the start in the world, shape (N, 3) [m]; often one."""
     points = getattr(contact.environment, "touching_points", lambda: np.zeros((1, 3)))()
     rotation = contact.robot.pose(contact.robot.context_at(contact.start)).rotation().matrix()
     return points @ rotation.T
@@ -143,7 +143,7 @@ def _add_slide(
 
 
 def _add_turn(plant: MultibodyPlant, instance: ModelInstanceIndex, frame: Frame, time_step: float) -> RigidBody:
-    """Let a frame turn about its y axis, driven as stiffly as a step resolves, on a body that is to slide."""
+    """Let a frame turn about its y axis, driven as stiffly as a step resolves; returns its carrier, which may slide."""
     # As inert as a thick slab, so that the drive holds it against forces far from the axis.
     inertia = SpatialInertia.SolidSphereWithMass(_TURNING_MASS, _TURNING_SIZE)
     plant.WeldFrames(frame, plant.AddRigidBody("surface_slab", instance, inertia).body_frame())
@@ -161,7 +161,7 @@ def _add_skin(plant: MultibodyPlant, instance: ModelInstanceIndex, frame: Frame)
 
 
 def _springs(workcell: Workcell, contact: Contact) -> list[float]:
-    """Stiffness of the springs below the skin that stand for the materials [N/m]."""
+    """Stiffness of the springs below the skin that model the materials [N/m]."""
     materials = contact.environment.surface.materials
     given = [segment.environment_stiffness for segment in materials.segments] if materials is not None else []
     rest = _missing_compliance(workcell, contact) - _SKIN_COMPLIANCE
@@ -181,7 +181,7 @@ def drive_surface(
     weld: Joint,
     surface: Mapping[str, OutputPort],
 ) -> None:
-    """Move a surface with the tool's place on it.
+    """Drive a surface to its height and stiffness at the tool's position.
 
     Args:
         builder: of the station.
@@ -189,7 +189,7 @@ def drive_surface(
         contact: the surface's.
         plant: finalized.
         weld: of `add_environment`.
-        surface: height, stiffness and damping at the place, by name.
+        surface: height, stiffness and damping at the tool's position, by name.
     """
     instance, materials = weld.parent_body().model_instance(), contact.environment.surface.materials
     if materials is not None:
@@ -216,10 +216,10 @@ def drive_surface(
 
 
 def _missing_compliance(workcell: Workcell, contact: Contact) -> float:
-    """What the contact has to carry beside C_E so that the workcell's compliance along n is C_R + C_E [m/N].
+    """Compliance of the contact beside C_E, so that the workcell's compliance along n is C_R + C_E [m/N].
 
-    Links are rigid bodies here, so their bending n'C_L n is added; what is only as stiff as the step can resolve, the
-    ball and the springs of rigid joints, is taken out.
+    Links are rigid bodies here, so their bending n'C_L n is added. The compliance that the plant itself has is
+    subtracted: drives, joint springs (those of rigid joints are as stiff as the step can resolve) and the ball.
     """
     joints = float(np.sum(contact.row**2 / workcell.spring_stiffness))
     drive = float(np.sum(contact.row**2 / workcell.drive_stiffness))
@@ -252,7 +252,7 @@ def has_dissipation(workcell: Workcell) -> bool:
     """Whether the contacts of the plant have the dissipation of Hunt and Crossley instead of linear damping.
 
     Raises:
-        BadInputError: some have the one and some the other: Drake knows one law of contact for a plant.
+        BadInputError: some have the one and some the other: Drake has one contact model for a plant.
     """
     surfaces = {each.name: each.environment for each in workcell.contacts if not each.own_force}
     found = [surface for surface in surfaces.values() if surface.dissipation]

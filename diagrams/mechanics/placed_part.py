@@ -1,15 +1,15 @@
 """Parts of an assembly in the plant of a station: fixed to the world, or held by an arm.
 
-A grasp is six joints in a row from the TCP to the part, through bodies of its own, and the part hangs on the last. Each
-joint has two equal actuators with PD gains, half of the spring each and half of its limit, solved implicitly with the
-contacts: any stiffness is stable with any mass. Open, one is sent ahead of the part and the other as far behind it:
-both stay at their limits, the sum of their torques is zero, and so is its derivative. The part is then free. Taken up
-again, both are sent to where the part is.
+A grasp is six joints in series from the TCP to the part, through bodies of its own; the part is welded to the last.
+Each joint has two equal actuators with PD gains, half of the spring each and half of its limit, solved implicitly with
+the contacts: any stiffness is stable with any mass. In an open grasp the set-point of one actuator is ahead of the part
+and that of the other as far behind it. Both stay at their limits; the sum of their torques and its derivative are zero,
+and the part is free. When the part is grasped again, both set-points are at the part.
 
-A row of three turns is singular where the second is 90 degrees, turned by as much about the y axis of the TCP that held
-the part. The two bodies between these turns therefore are rings with 1 % of the least moment of inertia of the part,
-and next to no mass; the others have none. Without rings the turns become as quick as they like there: of forty caps
-that tumbled onto a box ten did not come to the end of the run.
+Three revolute joints in series are singular where the second is at 90 degrees: where the part has turned by as much
+about the y axis of the TCP that held it. The two bodies between these joints are therefore rings with 1 % of the least
+moment of inertia of the part, and next to no mass; the other bodies have none. Without rings the joint speeds grow
+without bound there: of forty caps that tumbled onto a box, ten did not complete the run.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class PlacedPart:
     Attributes:
         name: of its model instance.
         config: its configuration.
-        frame: that was placed.
+        frame: the frame of the part that was placed.
         placement: pose of this frame in the TCP that holds it or in the world.
         bodies: indices of its bodies.
         grasp: model instance of the springs; None of a part that is fixed to the world.
@@ -75,8 +75,8 @@ class PairOfParts:
     Attributes:
         name: of the environment's part.
         config: its configuration.
-        ends: the parts, that with the tip and that with the mouth.
-        tip, mouth: their frames that it is about.
+        ends: the two parts, first the one with the tip, then the one with the mouth.
+        tip, mouth: the frames of these parts that touch.
     """
 
     name: str
@@ -96,7 +96,7 @@ def add_placed_part(
         robot: in the plant.
         name: of the part.
         config: its configuration.
-        rng: of its misplacement.
+        rng: random generator of its placement error.
 
     Raises:
         BadInputError: unknown arm, frame or model, a name that is taken, or a model that is not one rigid part.
@@ -165,7 +165,7 @@ def _root(plant: MultibodyPlant, instance: ModelInstanceIndex, config: PartConfi
 
 
 def _ring(bodies: Iterable[RigidBody]) -> SpatialInertia:
-    """Of a ring between two turns of a grasp that holds these bodies."""
+    """Inertia of a ring between two revolute joints of a grasp that holds these bodies."""
     heavy = [body for body in bodies if body.default_mass() > 0]
     mass = _RING_MASS * sum(body.default_mass() for body in heavy)
     moment = _RING_INERTIA * sum(principal_moments(body).min() for body in heavy)
@@ -179,7 +179,7 @@ def _names(plant: MultibodyPlant) -> str:
 def _add_grasp(
     plant: MultibodyPlant, instance: ModelInstanceIndex, tcp: Frame, grasp: GraspConfig, ring: SpatialInertia
 ) -> tuple[tuple[Joint, ...], Frame]:
-    """The springs; returns their joints, and the frame that is the TCP when they are at rest."""
+    """Add the springs; returns their joints, and the frame that coincides with the TCP when they are at rest."""
     along = zip(grasp.stiffness, grasp.damping, grasp.force_limit, strict=True)
     about_axes = zip(grasp.rotational_stiffness, grasp.rotational_damping, grasp.torque_limit, strict=True)
     springs = [(PrismaticJoint, *each) for each in along] + [(RevoluteJoint, *each) for each in about_axes]
@@ -197,7 +197,7 @@ def _add_grasp(
 
 
 def lay_down(plant: MultibodyPlant, robot: RobotParts, parts: tuple[PlacedPart, ...]) -> None:
-    """Default positions of the parts that are not in the hand at the start.
+    """Set the default positions of parts that are not in a hand at the start.
 
     Args:
         plant: finalized, with the start posture of the robot as its default.
@@ -224,7 +224,7 @@ def lay_down(plant: MultibodyPlant, robot: RobotParts, parts: tuple[PlacedPart, 
 def leave_out_the_hand(
     plant: MultibodyPlant, scene_graph: SceneGraph, robot: RobotParts, parts: tuple[PlacedPart, ...]
 ) -> None:
-    """A part does not touch the hand that holds or held it: the springs stand for that contact."""
+    """Exclude contact of a part with the hand that holds or held it: the springs model that contact."""
     for part in parts:
         if part.grasp is None:
             continue
@@ -248,7 +248,7 @@ def find_pair(plant: MultibodyPlant, name: str, config: PairContactPart, parts: 
 
 
 def leave_out_shapes(plant: MultibodyPlant, scene_graph: SceneGraph, pairs: tuple[PairOfParts, ...]) -> None:
-    """The shapes of two parts do not touch where a block stands for their contact."""
+    """Exclude contact between the shapes of two parts where a block models their contact."""
     for each in pairs:
         _leave_out(plant, scene_graph, *(end.bodies for end in each.ends))
 

@@ -1,4 +1,4 @@
-"""A flat tool on a compliant slab, touching by pressure: Drake's hydroelastic contact of a rigid block with it::
+"""A flat tool on a compliant slab: Drake's hydroelastic contact of a rigid block with the slab::
 
     p = E z/h    at the depth z of a slab of the thickness 2h, so that K_E = E w^2/h under a square of width w
 
@@ -75,7 +75,7 @@ def block_mesh(width: float, count: int) -> str:
         count: m, of squares along each edge.
     """
     top = patch_points(width, count + 1)
-    # Narrower behind the face: of sides along the pressure gradient Drake would take one and leave out the other.
+    # Narrower behind the face: of two sides along the pressure gradient Drake would use one and leave out the other.
     bottom = np.array([(x, y, -_BLOCK) for x, y in 0.25 * width * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])])
     rows = count + 1
 

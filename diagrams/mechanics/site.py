@@ -1,4 +1,4 @@
-"""What the parts of a station are given when they add themselves to it.
+"""The data that the parts of a station use to add themselves to it.
 
 A drive, a sensor or a surface is a configuration with `add_to(builder, site)` that returns a system. The station
 connects the inputs of that system by name to what the other parts put out, see `STATION_SIGNALS`.
@@ -14,7 +14,7 @@ from pydrake.multibody.tree import Joint, JointActuator
 from forcectl.diagrams.mechanics.placed_part import PairOfParts, PlacedPart
 from forcectl.diagrams.workcell import Workcell
 
-# What an input of a station's part may be called, and what is connected to it.
+# Names that inputs of a station's parts may have, and the signal that is connected to each.
 STATION_SIGNALS = {
     "joint_position_command": "of the controller, shape (n,) [rad]",
     "joint_velocity_command": "of the controller, shape (n,) [rad/s]; zero without one",
@@ -44,9 +44,9 @@ class Site:
         workcell: the workcell.
         seed: of the part's random numbers.
         plant: finalized MultibodyPlant with robot and environment; None in fidelities without dynamics.
-        scene_graph: of the plant; None where nothing can touch.
+        scene_graph: of the plant; None without collision geometry.
         parts: `RobotParts` in the plant, or None.
-        friction: actuators that stand for the sticking friction of rigid joints.
+        friction: actuators that model the sticking friction of rigid joints.
         mountings: welds that carry the contact of each surface.
         placed: parts of assemblies.
         pairs: contacts of two of them without meshes.
@@ -76,6 +76,6 @@ class Site:
         """The site of a further part, whose random numbers are its own.
 
         Args:
-            index: of the part; 0 has the seed as it is.
+            index: of the part; 0 keeps the seed.
         """
         return replace(self, seed=self.seed + index * _SEED_STEP)

@@ -1,4 +1,4 @@
-"""Parts of assemblies in a station: their grasps, the grippers, where they are, and contacts without meshes."""
+"""Parts of assemblies in a station: their grasps, the grippers, their poses, and contacts without meshes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from forcectl.plant.contact.part_pose import PartPose
 
 
 def add_parts(assembly: Assembly, site: Site) -> None:
-    """Grasps of parts, and where the parts are."""
+    """Add the grasps of parts, and the poses of the parts."""
     builder, plant, arms, held = assembly.builder, site.plant, list(site.parts.arms), site.held
     if held:
         grasps = [Grasp(arms.index(part.config.arm), part.config.grasp, not part.config.lies_at) for part in held]
@@ -36,7 +36,7 @@ def add_parts(assembly: Assembly, site: Site) -> None:
 
 
 def add_pairs(assembly: Assembly, site: Site) -> list[OutputPort]:
-    """Contacts of parts without meshes; returns their forces on the plant."""
+    """Add contacts of parts without meshes; returns their forces on the plant."""
     builder, plant, held, forces = assembly.builder, site.plant, site.held, []
     for i, each in enumerate(site.pairs):
         contact = each.config.contact(plant, each.tip, each.mouth, site.workcell.config.time_step)
@@ -53,7 +53,7 @@ def add_pairs(assembly: Assembly, site: Site) -> list[OutputPort]:
 
 
 def apply_forces(builder: DiagramBuilder, plant: MultibodyPlant, forces: list[OutputPort]) -> None:
-    """Lead lists of forces to the plant."""
+    """Connect lists of spatial forces to the plant."""
     if len(forces) > 1:
         every = builder.AddNamedSystem("spatial_forces", ExternallyAppliedSpatialForceMultiplexer(len(forces)))
         for i, port in enumerate(forces):

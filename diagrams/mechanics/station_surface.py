@@ -1,6 +1,6 @@
 """The surface of a station: path coordinate of the tool, height and material of the surface there.
 
-    s = d'(p(q) - p(q_0)),    what the contact gets is dx - h(s)
+    s = d'(p(q) - p(q_0)),    input of the contact: dx - h(s)
 
 A surface that is flat and of one material adds no block.
 """
@@ -25,12 +25,12 @@ from forcectl.plant.tip_kinematics import TipDisplacement
 
 
 def surface_profile(contact: Contact) -> SurfaceProfile:
-    """The surface as the ball of the tool meets it."""
+    """The profile of the surface, as the ball of the tool follows it."""
     return contact.environment.surface.profile(ball_radius(contact))
 
 
 def ball_radius(contact: Contact) -> float:
-    """Of the ball of the tool; 0 without one [m]."""
+    """Radius of the ball of the tool [m]; 0 without one."""
     tool = contact.robot.arm.tool
     return tool.contact_ball_radius if tool else 0.0
 
@@ -43,14 +43,14 @@ def is_uniform(contact: Contact) -> bool:
 def add_surface(
     builder: DiagramBuilder, workcell: Workcell, contact: Contact, joint_position: OutputPort, start: Vector
 ) -> dict[str, OutputPort]:
-    """Add the path coordinate and what the surface is there; nothing when it is flat and of one material.
+    """Add the path coordinate, and height and material of the surface there; nothing if it is flat, of one material.
 
     Args:
         builder: of the station.
         workcell: the workcell.
         contact: the surface's.
-        joint_position: of the side that counts as the tool's, shape (n_q,) [rad].
-        start: where it starts, s = 0, shape (n_q,) [rad].
+        joint_position: of motors or links, which the tool's position is computed from, shape (n_q,) [rad].
+        start: joint positions at the start, where s = 0, shape (n_q,) [rad].
 
     Returns:
         surface_height [m] unless flat, surface_stiffness [N/m] of several materials and surface_damping [N s/m] if
@@ -89,7 +89,7 @@ def add_surface(
 
 
 def connect_material(builder: DiagramBuilder, surface: Mapping[str, OutputPort], contact: System) -> None:
-    """Tell a contact the stiffness and damping of the place, as far as the surface has several."""
+    """Connect a contact to the local stiffness and damping of a surface, as far as these vary."""
     for name in ("surface_stiffness", "surface_damping"):
         if name in surface:
             builder.Connect(surface[name], contact.GetInputPort(name))
@@ -102,13 +102,13 @@ def feed_contact(
     given: Mapping[str, OutputPort],
     surface: Mapping[str, OutputPort],
 ) -> OutputPort:
-    """Connect the block that makes the force of a surface; of further inputs the signals of the station.
+    """Connect the block that computes the force of a surface; its further inputs are signals of the station.
 
     Args:
         assembly: of the station.
         contact: the surface's.
         block: of the surface, with the input displacement.
-        given: ports by the name of the input, `displacement` that to the undeformed and even surface.
+        given: ports by the name of the input; `displacement` is relative to the undeformed and even surface.
         surface: see `add_surface`.
 
     Returns:
@@ -150,7 +150,7 @@ def add_depth(builder: DiagramBuilder, displacement: OutputPort, height: OutputP
 
 
 def add_contact_monitor(assembly: Assembly, workcell: Workcell, force: OutputPort) -> None:
-    """Watch the true contact forces, shape (k,) [N], for losses of contact."""
+    """Monitor the true contact forces, shape (k,) [N], for losses of contact."""
     monitor = assembly.builder.AddNamedSystem("contact_monitor", ContactMonitor(force.size(), period=workcell.period))
     assembly.builder.Connect(force, monitor.GetInputPort("contact_force"))
     for name in output_names(monitor):

@@ -55,10 +55,10 @@ _SHARPEST = 1e-3  # [m] radius of a ball that stands for a point
 
 
 def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
-    """Robot and environment in a discrete plant.
+    """Add robot and environment in a discrete plant.
 
-    Rigid joints that a drive moves by torques get these at the `actuation` input of the robot's model instance, whose
-    `desired_state` is then zero motion for friction that sticks; otherwise the `desired_state` is the motor side.
+    If a drive moves rigid joints by torques, these enter at the `actuation` input of the robot's model instance, and
+    its `desired_state` is zero motion, for friction that sticks. Otherwise the `desired_state` is the motor side.
 
     Args:
         builder: of the station.
@@ -71,7 +71,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     if solid or not all(contact.own_force for contact in workcell.contacts):
         plant, scene_graph = add_plant(builder, config.time_step)
     else:
-        # Without geometry there is nothing to look for.
+        # Without geometry no contact can be detected.
         plant = builder.AddNamedSystem("plant", MultibodyPlant(config.time_step))
     if solid and scene_graph is not None:
         links = DefaultProximityProperties(
@@ -119,10 +119,10 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
 
 
 def _add_balls(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> list[GeometryId]:
-    """What of the tool touches a surface: a ball with the TCP as its outermost point, balls for points, or a face.
+    """Add the tool's contact geometry: a ball with the TCP as its outermost point, balls for points, or a face.
 
-    Inclined tools would touch with another point of the ball than the one whose kinematics the controllers know; the
-    ball sits one radius along n from the TCP in the start posture, so that force and displacement are those of the TCP.
+    An inclined tool would touch with another point of the ball than the TCP, which controllers compute with. The ball
+    sits one radius along n from the TCP in the start posture, so that force and displacement are those of the TCP.
     """
     arm = parts.arms[contact.arm]
     points, tcp = touching_points(contact), arm.tcp_frame
@@ -146,10 +146,10 @@ def _add_balls(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> li
 
 
 def _add_joints(plant: MultibodyPlant, parts: RobotParts, workcell: Workcell) -> tuple[JointActuator, ...]:
-    """Springs between motors and links, or rotors and friction of rigid joints; returns the actuators of friction."""
+    """Add springs between motors and links, or rotors and friction of rigid joints; returns the friction actuators."""
     config, drive = workcell.config, workcell.config.drive
     for actuator in parts.actuators:
-        # Drake would clamp the spring torque at the motor's limit otherwise; that is the drive's.
+        # Drake would otherwise clamp the spring torque at the motor's limit, which the drive applies.
         actuator.set_effort_limit(np.inf)
     if config.elastic_joints or not getattr(drive, "moves_links", False):
         stiffness = workcell.spring_stiffness
@@ -190,13 +190,13 @@ def _filter(
     self_collision: bool,
     placed: tuple[PlacedPart, ...],
 ) -> None:
-    """Leave only what is to touch: balls and their surface, and links where they are solid."""
+    """Keep contact only between balls and their surface, and between links where they are solid."""
     inspector = scene_graph.model_inspector()
     alone = {geometry for balls, surface in pressing for geometry in (*balls, surface)}
     plates = {plant.GetBodyFromFrameId(inspector.GetFrameId(surface)).model_instance() for _, surface in pressing}
     everything = set(inspector.GetAllGeometryIds(Role.kProximity))
     for geometry in everything - alone:
-        # A surface is pressed on by its ball: a hand that is inclined or wider than the ball would go into the plate.
+        # Only the ball touches a surface: a hand that is inclined or wider than the ball would penetrate the plate.
         if not solid or plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)).model_instance() in plates:
             scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kProximity)
             everything.remove(geometry)
