@@ -14,20 +14,22 @@ from forcectl.framework.fields import Config, key
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-TIMES = (100, 200, 500, 1000)  # [ms] at which the angle is told
+TIMES = (100, 200, 500, 1000)  # [ms] at which the angle is a metric
 
 
 @dataclass(kw_only=True)
 class AlignmentAnalysis(Config):
     """Scenario part `!Alignment`.
 
-    The angle of a peg in its hole, of a loop along one direction.
+    The angle of a peg in its hole, simulated by a loop along one direction.
 
-    A metre of the loop stands for a radian: theta = -dx, and the interaction torque is mu = F_bar - F, so that F_bar is
-    the torque at the start, K_env theta_hole.
+    A metre of the loop represents a radian: theta = -dx. The interaction torque is mu = F_bar - F, so that F_bar is the
+    torque at the start, K_env theta_hole.
     """
 
-    angle: float = key(0.2, "theta_hole, where the contact is relaxed", unit="rad", bounds="positive")
+    angle: float = key(
+        0.2, "angle theta_hole of the hole, at which the contact has no torque", unit="rad", bounds="positive"
+    )
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `ALIGNMENT_METRICS`."""

@@ -1,4 +1,4 @@
-"""How far a plunger in its body and a cap on its mount came, by the truth: engaged, at full depth, staying there."""
+"""Success of assembling a plunger in its body and a cap on its mount, by the truth: engaged, full depth, stays."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ class AssemblyAnalysis(Config, WithoutFigures):
     """Scenario part `!Assembly`: three levels of success of a plunger in a body and a cap that locks on a mount.
 
     Engaged: the plunger was past the lead-in of the bore, the cap turned beyond the lock with its face at the mount.
-    Full depth: the plunger was at its seat; the locked cap was also straight. Stays: so at the end, in no hand, and no
-    true contact force on an arm was ever above the limit. Frames are those of `!PegInBore` and `!CapOnMount`.
+    Full depth: the plunger was at its seat; the locked cap was also straight. Stays: at full depth at the end, released
+    by the hands; both together also need every true contact force on an arm to stay below the limit. Frames are those
+    of `!PegInBore` and `!CapOnMount`.
     """
 
     needs: ClassVar[dict[str, str]] = {"part_released": "parts that an arm can hold"}
@@ -31,16 +32,27 @@ class AssemblyAnalysis(Config, WithoutFigures):
     bore: str = key("tube", "part whose frame is in the opening of the bore")
     cap: str = key("cap", "part whose frame is in its face")
     mount: str = key("mount", "part whose frame is between its feet")
-    lead_in: float = key(0.012, "depth at which the peg is past it", unit="m", bounds=DEPTHS)
-    seat: float = key(0.096, "depth of a peg that is seated", unit="m", bounds=DEPTHS)
-    within: float = key(0.002, "of that depth, and of the mount's face", unit="m", bounds="positive")
+    lead_in: float = key(0.012, "depth from which on the peg is past the lead-in of the bore", unit="m", bounds=DEPTHS)
+    seat: float = key(0.096, "depth of the peg when it is seated", unit="m", bounds=DEPTHS)
+    within: float = key(
+        0.002,
+        "tolerance on the depth of the seated peg, and on the distance between the faces of cap and mount",
+        unit="m",
+        bounds="positive",
+    )
     lock_deg: float = key(
-        16.0, "angle of the mount in the cap from which on it is locked", unit="deg", bounds="from -180 to 180"
+        16.0,
+        "angle of the mount in the cap from which on the cap is locked; its sign is the direction",
+        unit="deg",
+        bounds="from -180 to 180",
     )
     straight_deg: float = key(
-        5.0, "tilt of the mount in the cap that is straight", unit="deg", bounds="above 0 and at most 180"
+        5.0,
+        "largest tilt of the mount in the cap that counts as straight",
+        unit="deg",
+        bounds="above 0 and at most 180",
     )
-    force: float = key(18.0, "largest that is allowed", unit="N", bounds="positive")
+    force: float = key(18.0, "largest true contact force on an arm that is allowed", unit="N", bounds="positive")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -51,10 +63,10 @@ class AssemblyAnalysis(Config, WithoutFigures):
             raise invalid("mount", self.mount, "another part than cap")
 
     def check(self, signals: Mapping[str, Any], setting: Setting) -> None:
-        """Parts are there.
+        """Check that the parts exist.
 
         Raises:
-            BadInputError: there is no such part, or none that an arm holds.
+            BadInputError: a part does not exist, or no arm can hold the peg or the cap.
         """
         check_parts({field: getattr(self, field) for field in ("peg", "bore", "cap", "mount")}, setting)
         held = _held(setting)
@@ -99,7 +111,7 @@ def _held(setting: Setting) -> list[str]:
 
 
 def _relative(log: Any, setting: Setting, base: str, part: str) -> tuple[Array, Array]:
-    """Place, (T, 3) [m], and orientation, (T, 3, 3), of one part in the frame of another."""
+    """Position, (T, 3) [m], and orientation, (T, 3, 3), of one part in the frame of another."""
     at, place = (part_rows(log, setting, name, "part_position") for name in (base, part))
     frame, turn = (part_orientation(log, setting, name) for name in (base, part))
     back = frame.inv()

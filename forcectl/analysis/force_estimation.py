@@ -1,6 +1,6 @@
-"""Force estimates in the log of a motion loop against the truth: static loads, pushes, contact, and nothing at all.
+"""Force estimates in the log of a motion loop against the truth: in static loads, pushes, contact and without load.
 
-Of each arm the log is cut into stretches by what really acts on it::
+For each arm the log is cut into intervals by the true load::
 
     static load   an applied wrench that stays the same for at least `average`; judged by the mean of its last `average`
     push          any other applied wrench
@@ -26,8 +26,8 @@ from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 
-_LEAST = 1e-6  # [N, Nm] from here on something acts
-_CONTACT_BEGINS = 0.2  # [s] of a contact that are not judged
+_LEAST = 1e-6  # [N, Nm] a larger load acts
+_CONTACT_BEGINS = 0.2  # [s] at the beginning of a contact, not judged
 
 
 @dataclass(kw_only=True)
@@ -37,10 +37,22 @@ class ForceAnalysis(Config, WithoutFigures):
     Needs an estimator in the loop.
     """
 
-    average: float = key(0.5, "over which the last samples of a load are averaged", unit="s", bounds="positive")
-    settle: float = key(0.3, "after a change of the load, that is not judged", unit="s", bounds="not negative")
-    begin: float = key(0.5, "of the run, that is not judged", unit="s", bounds="not negative")
-    fast_share: float = key(0.2, "of the joint speed limits, above which a joint is fast", bounds="above 0 and below 1")
+    average: float = key(
+        0.5,
+        "time at the end of a static load over which estimates are averaged; a shorter load is a push",
+        unit="s",
+        bounds="positive",
+    )
+    settle: float = key(
+        0.3,
+        "time that an arm counts as loaded after a load, and as fast after fast motion",
+        unit="s",
+        bounds="not negative",
+    )
+    begin: float = key(0.5, "time at the start of the run that is not judged", unit="s", bounds="not negative")
+    fast_share: float = key(
+        0.2, "share of its speed limit above which a joint counts as fast", bounds="above 0 and below 1"
+    )
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """The metrics of force estimation in `ANALYSIS_METRICS`, of all arms and of each; none without an estimator."""
@@ -115,6 +127,6 @@ class ForceAnalysis(Config, WithoutFigures):
         }
 
     def _lately(self, time: Array, here: Mask) -> Mask:
-        """Whether it was so at any time in the last `settle`."""
+        """Whether `here` was true at any time in the last `settle`."""
         count = max(1, round(self.settle / float(time[1] - time[0])))
         return np.convolve(here, np.ones(count + 1), "full")[: len(here)] > 0.5

@@ -5,12 +5,12 @@ force changes to the last sample before it changes again. Time counts from that 
 determine (a settling time when the force has not settled, an overshoot of a sine) is None::
 
     overshoot   max(F) - F_ref of the measured force (thesis: OS = max(F)/F_ref - 1); min for a step down; from
-                where the force first comes to F_ref: what it was beyond it before the step does not count
+                where the force first reaches F_ref: an excess from before the step does not count
     rise        10 % to 90 % of the step
     settling    last time outside a band of +-2 % or +-5 % of F_ref
     model error e = F - F_M, F_M the response of M(s) = w/(s + w) to the desired force
 
-F is the measured force, behind the filter of its sensor, as the published numbers are. Metrics that begin with `true_`
+F is the measured force, behind the filter of its sensor, as in the published numbers. Metrics that begin with `true_`
 are the same of the true contact force. A reference that moves other than in steps has those of
 `forcectl.analysis.tracking_metrics`. A run with motion along the surface has further ones: of the force up to its
 beginning, and during it. Motion loops have metrics of their own, `forcectl.analysis.motion_metrics`.
@@ -29,9 +29,9 @@ from forcectl.analysis.tables.metric_tables import GAINS, MOTION_METRICS, STEP_M
 from forcectl.analysis.tracking_metrics import tracking_metrics
 from forcectl.arrays import Mask, Signal
 
-_STEP_SAMPLES = 2  # in which a step of the reference is done
-_MOTION_BAND = 0.02  # of the reference
-_SETTLED_SHARE = 0.1  # of the step, over which the steady state is averaged
+_STEP_SAMPLES = 2  # largest number of samples in which the reference makes a step
+_MOTION_BAND = 0.02  # half width of the band in motion, as a share of the reference
+_SETTLED_SHARE = 0.1  # last share of a step, over which the steady state is averaged
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Step:
 
 
 def find_steps(time: Signal, desired: Signal, initial: float = 0.0) -> list[Step]:
-    """The steps in a desired force: changes within one or two samples. A ramp or a sine is none.
+    """The steps in a desired force: changes within one or two samples. A ramp or a sine is not a step.
 
     A reference that is constant from the first sample on is a step at that sample, if it differs from `initial`, the
     force before it [N].
@@ -69,7 +69,7 @@ def find_steps(time: Signal, desired: Signal, initial: float = 0.0) -> list[Step
         for part, end in zip(changes, ends, strict=True)
         if part.stop - part.start <= _STEP_SAMPLES
     ]
-    return [step for step in steps if step.size != 0.0]  # a pulse is none
+    return [step for step in steps if step.size != 0.0]  # a pulse is not a step
 
 
 def moves(desired: Signal, initial: float = 0.0) -> Mask:
@@ -81,15 +81,14 @@ def moves(desired: Signal, initial: float = 0.0) -> Mask:
 
 
 def _changes(desired: Signal, initial: float) -> list[slice]:
-    """Stretches of samples that each differ from the one before."""
+    """Intervals of samples that each differ from the one before."""
     return stretches(np.diff(desired, prepend=initial) != 0)
 
 
 def overshoot(force: Signal, step: Step) -> float:
-    """Furthest measured force beyond the target [N] from where it first comes to it, zero if it stays short of it.
+    """Largest excess of the force over the target [N] from where it first reaches it; zero if it stays short of it.
 
-    What a force was beyond the target before the step is not the step's doing; one that never comes to it counts from
-    where it is nearest.
+    An excess from before the step does not count. A force that stays beyond the target counts from where it is nearest.
     """
     beyond = (force[step.first : step.end] - step.target) * (1 if step.size >= 0 else -1)
     short = beyond <= 0.0
@@ -123,7 +122,7 @@ def rise_time(time: Signal, force: Signal, step: Step) -> float | None:
 def settling_time(time: Signal, force: Signal, step: Step, band: float) -> float | None:
     """Last time [s] outside +-`band` of the target (of the height, for a target of zero); None if still outside.
 
-    A reading that is no number is outside.
+    A reading that is not a number counts as outside.
     """
     width = band * (abs(step.target) or abs(step.size))
     outside = np.flatnonzero(~(np.abs(force[step.first : step.end] - step.target) <= width))
@@ -134,7 +133,7 @@ def settling_time(time: Signal, force: Signal, step: Step, band: float) -> float
 
 
 def largest_drop(force: Signal, step: Step) -> float | None:
-    """Furthest that the force falls back [N] from what it had reached, once half of the step is done."""
+    """Largest drop of the force [N] from its highest value so far, once half of the step is done."""
     progress = (force[step.first : step.end] - step.start) * (1 if step.size >= 0 else -1)
     done = np.flatnonzero(progress >= 0.5 * abs(step.size))
     if done.size == 0:
@@ -217,7 +216,7 @@ def step_metrics(
 
 
 def _of_force(time: Signal, force: Signal, step: Step) -> dict[str, float | None]:
-    """The metrics of a step that measured and true force have both."""
+    """The metrics of a step that exist for both measured and true force."""
     beyond = overshoot(force, step)
     settled = slice(step.end - max(1, round(_SETTLED_SHARE * (step.end - step.first))), step.end)
     return {
@@ -286,9 +285,9 @@ def tuning_metrics(time: Signal, signals: Mapping[str, Signal]) -> dict[str, flo
 
 
 def force_distance(time: Signal, force: Signal, other: Signal, step: Step, share: float) -> float | None:
-    """Largest distance [N] of two forces from the step on, until `other` has first made this share of it.
+    """Largest difference [N] of two forces from the step until `other` first reaches this share of it.
 
-    None when it never does, or where a force is no number meanwhile.
+    None if it never does, or if a force is not a number in between.
     """
     end = time_to_share(time, other, step, share)
     if end is None or np.isnan(end):
@@ -317,7 +316,7 @@ def metrics_of(
     """
     found = {name: np.asarray(signals[name], dtype=float) for name in (*_ALWAYS, *_SOMETIMES) if name in signals}
     time, desired, force, contact = (found[n] for n in _ALWAYS)
-    force = np.where(np.isfinite(force), force, np.nan)  # what a broken sensor shows has no difference
+    force = np.where(np.isfinite(force), force, np.nan)  # differences of infinite readings are undefined
     model, violation, command = map(found.get, ("model_force", "constraint_violation", "displacement_command"))
     initial = float(contact[0])
     steps = [step_metrics(time, force, contact, s, model, window) for s in find_steps(time, desired, initial)]
@@ -332,7 +331,7 @@ def metrics_of(
     result |= {
         "peak_force_N": float(contact.max()),
         "peak_measured_force_N": float(force.max()),
-        "contact_loss_s": contact_loss(time, contact != 0),  # a contact that pulls is not lost
+        "contact_loss_s": contact_loss(time, contact != 0),  # a contact that pulls counts as contact
         "run_model_error_sd_N": float(np.std(force - model)) if model is not None else None,
         "run_max_abs_model_error_N": float(np.abs(force - model).max()) if model is not None else None,
         "control_effort_m": float(np.sum(np.abs(np.diff(command)))) if command is not None else None,

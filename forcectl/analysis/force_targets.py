@@ -1,4 +1,4 @@
-"""Expectations of a force as forces: where its figure shows what is allowed."""
+"""Expected metrics of a force, converted to allowed forces for its figure."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _IN_MOTION = "mean_force_in_motion_N"
 
 
 class Allowed(NamedTuple):
-    """What an expectation asks of a metric by itself.
+    """The range that an expectation allows for one metric.
 
     Attributes:
         metric: name.
         variant: name; None: the first.
-        low, high: what is allowed, in the unit of the metric; None: open.
-        published: None: there is no number.
+        low, high: allowed range, in the unit of the metric; None: open.
+        published: published value of the metric; None: there is none.
     """
 
     metric: str
@@ -38,12 +38,12 @@ class Allowed(NamedTuple):
 def force_targets(
     logs: Mapping[str, Any], allowed: Sequence[Allowed], label: str, motion: tuple[float, float] | None
 ) -> list[ForceTarget]:
-    """The targets of one surface as forces, those of metrics that are one.
+    """The targets of one surface as forces, for metrics that can be converted to a force.
 
     Args:
         logs: of the variants by name.
         allowed: of all surfaces.
-        label: in front of the metrics of the surface.
+        label: prefix of the metrics of the surface.
         motion: begin and end of the motion along the surface [s].
     """
     from forcectl.figures.targets import ForceTarget
@@ -59,7 +59,7 @@ def force_targets(
 
 
 def _forces(log: Any, metric: str, range_: Range, motion: tuple[float, float] | None) -> Iterator[tuple[float, Range]]:
-    """Time [s] and forces [N] of a metric that is a force; nothing of another one."""
+    """Time [s] and forces [N] of a metric that can be converted to a force; nothing for others."""
     time = log["time"].values
     if metric in _PEAKS:
         yield float(time[_highest(log[_PEAKS[metric]].values)]), range_
@@ -77,7 +77,7 @@ def _forces(log: Any, metric: str, range_: Range, motion: tuple[float, float] | 
 
 
 def _highest(force: Any) -> int:
-    """Its largest sample, without those that are no numbers; the first one where all are."""
+    """Index of the largest sample, without NaN; 0 if all are NaN."""
     return int(np.argmax(np.fmax(force, -np.inf)))
 
 

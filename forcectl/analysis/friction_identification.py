@@ -21,26 +21,28 @@ from forcectl.plant.drives.joint_friction import JointFriction, friction_thresho
 from forcectl.tuning.friction_identification import FrictionFit, friction_samples, identify_friction
 
 _COLUMNS = 2
-_GRID = 201  # speeds at which curves are compared
+_GRID = 201  # number of speeds at which curves are compared
 
 
 @dataclass(kw_only=True)
 class FrictionAnalysis(Config):
     """Scenario part `!FrictionIdentification`.
 
-    Of an excitation run without loads.
+    For an excitation run without loads.
 
-    It uses the exact dynamics and the readings, as `ForceEstimator` does.
+    It uses the full dynamics of the plant model and the readings, as `ForceEstimator` does.
     """
 
     needs: ClassVar[dict[str, str]] = {"joint_velocity": "joint sensors", "motor_torque": "drives that read torques"}
     reads_of_model: ClassVar[tuple[str, ...]] = ("masses",)
 
-    slowest: float = key(0.05, "slower ticks are left out", unit="rad/s", bounds="not negative")
-    begin: float = key(0.0, "earlier ticks are left out", unit="s", bounds="not negative")
+    slowest: float = key(
+        0.05, "joint speed below which a tick is left out of the fit", unit="rad/s", bounds="not negative"
+    )
+    begin: float = key(0.0, "time at the start of the run that is left out of the fit", unit="s", bounds="not negative")
 
     def _identified(self, log: Any, setting: Setting) -> FrictionFit | str:
-        """What the readings of one variant say; a text says why they say nothing."""
+        """The fit to the readings of one variant, or a text with the reason why there is none."""
         late = log.isel(time=log["time"].values >= self.begin)
         readings = (late[name].values for name in ("time", "joint_position", "joint_velocity", "motor_torque"))
         model, bandwidth = setting.model.momentum_model(), setting.model.velocity_bandwidth
@@ -51,19 +53,19 @@ class FrictionAnalysis(Config):
             return str(error)
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
-        """`friction_...` of `ANALYSIS_METRICS`, and of every joint its numbers; none when it cannot be identified."""
+        """`friction_...` of `ANALYSIS_METRICS`, also of every joint; empty if friction cannot be identified."""
         fit = self._identified(log, setting)
         return {} if isinstance(fit, str) else friction_metrics(fit, setting.truth.friction, _joints(log))
 
     def findings(self, log: Any, setting: Setting) -> list[RunFinding]:
-        """Why nothing was identified, where that is so."""
+        """The reason why no friction was identified, if so."""
         fit = self._identified(log, setting)
         return [finding("friction_unknown", f"no friction was identified: {fit}")] if isinstance(fit, str) else []
 
     def files(self, log: Any, setting: Setting) -> dict[str, str]:
-        """`friction.yaml`, for the key `friction` of a scenario's part `model`; none when it cannot be identified.
+        """`friction.yaml`, for the key `friction` of a scenario's part `model`; empty if it cannot be identified.
 
-        How far to trust each joint stands above, as remarks.
+        Comments at its top state the accuracy of each joint.
 
         Args:
             log: of one variant.
@@ -81,7 +83,7 @@ class FrictionAnalysis(Config):
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """One figure per arm with the joints side by side; of the first variant."""
-        # Beside variants of another robot the joints come in another order.
+        # With variants of another robot the log may have the joints in another order.
         one = one_variant(log).sel(joint=setting.workcell.robot.parameters.arm_joints)
         fit = self._identified(one, setting)
         if isinstance(fit, str):
@@ -98,12 +100,12 @@ def _joints(log: Any) -> list[str]:
 
 
 def friction_metrics(fit: FrictionFit, true: JointFriction, joints: list[str]) -> dict[str, float | None]:
-    """Distance of a fit from the truth, of all joints and of each."""
+    """Error of a fit against the truth, of all joints and of each."""
     found, fastest = fit.friction, np.max(np.abs(fit.speed), axis=0)
     speeds = fastest * np.linspace(-1.0, 1.0, _GRID)[:, None]
     difference = np.abs(friction_torque(speeds, found) - friction_torque(speeds, true))
     largest = np.abs(friction_torque(speeds, true)).max(axis=0)
-    # Of a joint without friction no percentage says how far a fit is off.
+    # For a joint without friction a relative error is undefined.
     error = 100 * difference.max(axis=0) / np.where(largest > 0, largest, np.nan)
     coulomb = 100 * np.abs(found.coulomb - true.coulomb) / np.where(true.coulomb > 0, true.coulomb, np.nan)
     rows = {

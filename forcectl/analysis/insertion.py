@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 _ROUNDING = 1e-9  # [s]
 DEPTHS = "above 0 and at most 1"  # [m] of a bore
-BESIDE = 0.01  # [m] from the axis, from where on a part stands beside the other one
+BESIDE = 0.01  # [m] offset from the axis from which on a part is beside the other one, not in it
 _TOUCH = 0.05  # [N] a smaller true force is no contact
-_IN_THE_AIR = 0.1  # [s] without contact, after which a decision was one in the air
+_IN_THE_AIR = 0.1  # [s] time without contact before a mode begins, after which it began in the air
 
 
 class Course(NamedTuple):
@@ -60,20 +60,20 @@ def part_orientation(log: Any, setting: Setting, part: str) -> Rotation:
 
 
 def decided_in_the_air(time: Array, force: Array, way: Sequence[Stay], on_contact: Collection[str]) -> float:
-    """How many modes began without contact that only a contact may begin.
+    """Number of modes that may begin in contact only and began without it.
 
     Args:
         time: (T,) [s].
-        force: true one, (T,) [N].
-        way: the modes.
-        on_contact: names of these.
+        force: true force, (T,) [N].
+        way: the stays in modes.
+        on_contact: names of the modes that may begin in contact only.
     """
     begins = [stay.begin for stay in way if stay.mode in on_contact]
     return float(sum(not (force[(time > at - _IN_THE_AIR) & (time <= at)] > _TOUCH).any() for at in begins))
 
 
 def check_seat(part: Any) -> None:
-    """BadInputError about a configuration whose peg is its bore, or is seated as soon as it is at the mouth."""
+    """Raise BadInputError if peg and bore are one part, or if the tolerance of the seat includes the mouth."""
     if part.peg == part.bore:
         raise invalid("bore", part.bore, "another part than peg")
     if part.within >= part.seat:
@@ -84,7 +84,7 @@ def check_seat(part: Any) -> None:
 class InsertionAnalysis(Config):
     """Scenario part `!Insertion`.
 
-    Of a station with a peg and a bore.
+    For a station with a peg and a bore.
 
     The scenario has one `!ContactTruth` on the peg by the bore in the frame of the mouth. The z axes of the frames of
     both parts point out of the bore when the peg is in it.
@@ -94,22 +94,29 @@ class InsertionAnalysis(Config):
 
     peg: str = key("plunger", "part whose frame is in the peg's front face")
     bore: str = key("tube", "part whose frame is in the opening of the bore")
-    seat: float = key(0.096, "depth of a peg that is seated", unit="m", bounds=DEPTHS)
-    within: float = key(0.002, "of that depth a peg is seated", unit="m", bounds="positive")
-    beside: float = key(BESIDE, "from the axis, from where on it is not in the bore", unit="m", bounds=DEPTHS)
-    on_contact: list[str] = key([], "modes that only a contact may begin")
-    task: int = key(1, "number of the task that inserts, whose estimated forces are drawn", bounds="positive")
-    coordinate: int = key(1, "number of its first coordinate, from which on speeds are drawn", bounds="positive")
+    seat: float = key(0.096, "depth of the peg when it is seated", unit="m", bounds=DEPTHS)
+    within: float = key(0.002, "tolerance on the depth of the seated peg", unit="m", bounds="positive")
+    beside: float = key(
+        BESIDE,
+        "distance of the peg's tip from the bore's axis from which on it is not in the bore",
+        unit="m",
+        bounds=DEPTHS,
+    )
+    on_contact: list[str] = key([], "modes that may begin in contact only")
+    task: int = key(1, "number of the inserting task, whose estimated forces are drawn", bounds="positive")
+    coordinate: int = key(
+        1, "number of the task coordinate that is the first of three whose speeds are drawn", bounds="positive"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_seat(self)
 
     def check(self, signals: Mapping[str, LoggedSignal], setting: Setting) -> None:
-        """Parts, modes and task are there.
+        """Check that parts, modes and task exist.
 
         Raises:
-            BadInputError: one is not.
+            BadInputError: one of them does not.
         """
         check_parts({"peg": self.peg, "bore": self.bore}, setting)
         check_modes({f"on_contact.{i}": name for i, name in enumerate(self.on_contact)}, signals)

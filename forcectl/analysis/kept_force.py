@@ -1,4 +1,4 @@
-"""A part that is turned under a contact force in a band, until it locks (Fig. 6.17): what is true of it."""
+"""Metrics of a part that is turned until it locks, under a contact force in a band (Fig. 6.17), from the truth."""
 
 from __future__ import annotations
 
@@ -22,26 +22,34 @@ if TYPE_CHECKING:
 
     from forcectl.diagrams.log import LoggedSignal
 
-_LOCKS = 0.02  # [Nm] of true torque that the lock begins with
+_LOCKS = 0.02  # [Nm] true torque from which on the lock has begun
 
 
 @dataclass(kw_only=True)
 class KeptForceAnalysis(Config):
     """Scenario part `!KeptForce`.
 
-    A rotation under a force in a band, of the truth that a `!ContactTruth` has.
+    A rotation under a contact force in a band, by the true wrench of a `!ContactTruth`.
 
-    Force and torque are those along and about the z axis of its frame. Angles and speeds are of the task, as commanded.
+    Force and torque are those along and about the z axis of its frame. Angles and speeds are those of the task, as
+    commanded.
     """
 
     needs: ClassVar[dict[str, str]] = CONTACT_TRUTH | {"task_position": "a controller of tasks"}
 
-    mode: str = key("rotation", "in which it turns, and the force is to stay in the band")
-    force: list[float] = key(meaning="smallest and largest of the band", unit="N", bounds="not negative", size=2)
-    settling: float = key(0.2, "after the beginning of the mode that is left out", unit="s", bounds="not negative")
-    turn: int = key(6, "number of the task coordinate that turns, from 1 on", bounds="positive")
-    parts: list[str] = key(["cap", "mount"], "whose z axes are parallel when they are aligned", size=2)
-    on_contact: list[str] = key([], "modes that only a contact may begin")
+    mode: str = key("rotation", "mode in which the part is turned and the force must stay in the band")
+    force: list[float] = key(
+        meaning="lower and upper limit of the contact force", unit="N", bounds="not negative", size=2
+    )
+    settling: float = key(
+        0.2,
+        "time after the beginning of the mode that is left out of the band's metrics",
+        unit="s",
+        bounds="not negative",
+    )
+    turn: int = key(6, "number of the task coordinate of the rotation, from 1 on", bounds="positive")
+    parts: list[str] = key(["cap", "mount"], "names of the two parts, whose z axes are parallel when aligned", size=2)
+    on_contact: list[str] = key([], "modes that may begin in contact only")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -50,10 +58,10 @@ class KeptForceAnalysis(Config):
         check_distinct("parts", self.parts)
 
     def check(self, signals: Mapping[str, LoggedSignal], setting: Setting) -> None:
-        """Parts, modes and coordinate are there.
+        """Check that parts, modes and coordinate exist.
 
         Raises:
-            BadInputError: one is not.
+            BadInputError: one of them does not.
         """
         check_parts({f"parts.{i}": name for i, name in enumerate(self.parts)}, setting)
         check_modes({"mode": self.mode} | {f"on_contact.{i}": each for i, each in enumerate(self.on_contact)}, signals)
@@ -62,7 +70,7 @@ class KeptForceAnalysis(Config):
             raise invalid("turn", self.turn, f"at most {most}, the number of coordinates")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
-        """Those of `KEPT_FORCE_METRICS`; None where a run never came to the mode, or to a success."""
+        """Those of `KEPT_FORCE_METRICS`; None where a run did not reach the mode, or a success."""
         found: dict[str, float | None] = dict.fromkeys(KEPT_FORCE_METRICS)
         time, force, torque, angle, speed = self._signals(log)
         touched = np.flatnonzero(force > 0.0)
@@ -107,7 +115,7 @@ class KeptForceAnalysis(Config):
         return {"kept_force": kept_force_figure(runs, (self.force[0], self.force[1]), title)}
 
     def _tilt(self, log: Any, setting: Setting, tick: int) -> float:
-        """Between the z axes of the parts [deg]."""
+        """Angle between the z axes of the parts [deg]."""
         turns = (part_orientation(log, setting, name)[tick] for name in self.parts)
         one, other = (turn.apply([0.0, 0.0, 1.0]) for turn in turns)
         return float(np.degrees(np.arccos(np.clip(one @ other, -1.0, 1.0))))

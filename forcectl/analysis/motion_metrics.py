@@ -9,8 +9,8 @@ import numpy as np
 from forcectl.arrays import Array, Mask
 from forcectl.plant.plant_model import PlantModel
 
-_REST, _REST_TIME = 2e-3, 0.2  # [rad], [s]
-_NO_SIGN = 0.1  # [rad/s^2]
+_REST, _REST_TIME = 2e-3, 0.2  # range and time of a joint at rest [rad, s]
+_NO_SIGN = 0.1  # [rad/s^2] smaller accelerations have no sign
 
 
 def joint_metrics(log: Any, truth: PlantModel) -> dict[str, float | None]:
@@ -46,12 +46,12 @@ def _smoothness(log: Any, truth: PlantModel) -> dict[str, float | None]:
 
 
 def _jerk(log: Any, truth: PlantModel) -> Array:
-    """Of the reference at every tick from the third one on, (ticks - 2, n) [rad/s^3]."""
+    """Jerk of the reference at every tick from the third one on, (ticks - 2, n) [rad/s^3]."""
     return np.diff(log["joint_velocity_command"].values, 2, axis=0) / truth.period**2
 
 
 def smoothness(log: Any, truth: PlantModel, ticks: Mask) -> dict[str, float | None]:
-    """`jerk_share_1_s` and `reversals_at_rest_1_s` of some ticks of a run; of too few of them none.
+    """`jerk_share_1_s` and `reversals_at_rest_1_s` of some ticks of a run; empty if these are too few.
 
     Args:
         log: dataset over time, with joint references.
@@ -69,7 +69,7 @@ def smoothness(log: Any, truth: PlantModel, ticks: Mask) -> dict[str, float | No
 
 
 def reversals_at_rest(position: Array, speed: Array, period: float, counted: Mask | None = None) -> float:
-    """The most reversals of one joint at rest within a second.
+    """Largest number of reversals of one joint at rest within a second.
 
     A joint is at rest at a tick when its reference stayed within 2 mrad for 0.2 s until then. It reverses where its
     acceleration has another sign than before, during one stay at rest; accelerations of at most 0.1 rad/s^2 have no
@@ -78,7 +78,7 @@ def reversals_at_rest(position: Array, speed: Array, period: float, counted: Mas
     Args:
         position, speed: of the joints at every tick, (ticks, n) [rad, rad/s].
         period: tick [s].
-        counted: at which ticks a reversal counts, (ticks,); None: at all.
+        counted: at which ticks a reversal counts, (ticks,); None: at all ticks.
     """
     window = round(_REST_TIME / period)
     if len(position) <= window:

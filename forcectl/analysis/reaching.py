@@ -1,4 +1,4 @@
-"""Whether both arms reached their targets, and how: limits, distances, and what the null space did (Fig. 5.3)."""
+"""Whether both arms reached their targets, and how: limits, distances, and use of the null space (Fig. 5.3)."""
 
 from __future__ import annotations
 
@@ -32,11 +32,18 @@ if TYPE_CHECKING:
 class ReachAnalysis(Config):
     """Scenario part `!Reaching`.
 
-    Of a run of `!ReactiveReaching` to whole poses. Of another run there is nothing.
+    For a run of `!ReactiveReaching` to whole poses. Other runs have none of its metrics.
     """
 
-    mass_direction: list[float] = key([0.0, 0.0, 1.0], "of the reflected mass, in W", bounds="not all zero", size=3)
-    every: int = key(4, "between postures whose distances and masses are computed", unit="ticks", bounds="at least 1")
+    mass_direction: list[float] = key(
+        [0.0, 0.0, 1.0], "direction of the reflected mass, in W", bounds="not all zero", size=3
+    )
+    every: int = key(
+        4,
+        "number of ticks from one posture whose distances and reflected masses are computed to the next",
+        unit="ticks",
+        bounds="at least 1",
+    )
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `REACH_METRICS`."""
@@ -69,7 +76,7 @@ class ReachAnalysis(Config):
         }
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
-        """Tool centre points and distances of the first variant; what the null space does in all of them."""
+        """Tool centre points and distances of the first variant; use of the null space in all of them."""
         from forcectl.figures.reaching import null_space_figure, reach_figure
 
         if not self._whole_poses(log, setting.truth):
@@ -83,7 +90,7 @@ class ReachAnalysis(Config):
         return figures
 
     def _whole_poses(self, log: Any, truth: PlantModel) -> bool:
-        """Whether the tasks are the poses of all arms in the world: at the start they are what the tasks say."""
+        """Whether the tasks are the poses of all arms in the world, by comparison with the poses at the start."""
         if "task_target" not in log:
             return False
         robot = truth.known_robot()
@@ -93,7 +100,7 @@ class ReachAnalysis(Config):
         return len(first) == len(places) and np.allclose(first, places, atol=1e-3)
 
     def _missed(self, log: Any, truth: PlantModel) -> tuple[float, float]:
-        """How far the links are from the target at the end [m, rad], the worse arm."""
+        """Distance and angle of the links from the target at the end [m, rad], of the worse arm."""
         robot = truth.known_robot()
         rest = np.zeros(truth.num_joints)
         start = ArmsMotion(robot, robot.create_context(), truth.start, rest)
@@ -140,7 +147,7 @@ class ReachAnalysis(Config):
         return found | {"reached": min(every[0]), "stalled": max(every[1]), "time_reached_s": time}
 
     def _along(self, log: Any, truth: PlantModel) -> tuple[Array, Array]:
-        """Least distance of the links [m] and reflected masses (k, arms) [kg], every so many ticks.
+        """Least distance of the links [m] and reflected masses (k, arms) [kg], each `every` ticks.
 
         The distance is infinite for a robot without shapes that move against each other.
         """
@@ -166,5 +173,5 @@ class ReachAnalysis(Config):
 
 
 def _millimetres(distance: float) -> float | None:
-    """None for an infinite distance [m]."""
+    """A distance [m] in mm; None if it is infinite."""
     return 1e3 * float(distance) if np.isfinite(distance) else None

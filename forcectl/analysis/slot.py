@@ -7,14 +7,14 @@ own. It is a dataclass with two methods::
     figures(log, setting, title) -> {file name: Figure}   log of one variant, or of several along `variant`
 
 and may have two more: `findings(log, setting) -> [RunFinding]`, added to those of every run, see
-`forcectl.analysis.findings`, and `files(log, setting) -> {file name: text}`, for what is to stand in the run directory.
+`forcectl.analysis.findings`, and `files(log, setting) -> {file name: text}`, for further files in the run directory.
 
-Nobody's log can be written to, names are plain file names, and one that is there already is refused: an analysis adds.
+The log is read-only. Names are plain file names; one that exists already is refused, because an analysis only adds.
 
-A third, `check(signals, setting)`, raises BadInputError about a key that does not fit the loop, such as a name that
-nothing has; `signals` are those of the log, by name. What it cannot do without stands in its class,
-`needs = {signal: what makes it}`. A scenario whose loop has no such signal, or that `check` refuses, is refused when it
-is built, and not after it was simulated.
+A third, `check(signals, setting)`, raises BadInputError about a key that does not fit the loop, such as the name of a
+part that does not exist; `signals` are those of the log, by name. Signals that the analysis requires stand in its class
+as `needs = {signal: what makes it}`. A scenario whose loop has no such signal, or that `check` refuses, is refused when
+it is built, before it is simulated.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ if TYPE_CHECKING:
     from forcectl.diagrams.log import LoggedSignal
 
 SURFACE = "surface"  # dimension of signals with one element for each surface that is pressed on
-# Of `needs`, what several analyses cannot do without.
+# Entries of `needs` that several analyses share.
 CONTACT_TRUTH = {"body_contact_wrench": "a sensor !ContactTruth, in Multibody"}
 REFERENCE = {"desired_force": "a reference of the force"}
 
 
 class WithoutFigures:
-    """What the analyses share that have metrics alone."""
+    """Base of analyses that have metrics but no figures."""
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
-        """None of its own."""
+        """No figures."""
         return {}
 
 
@@ -58,7 +58,7 @@ def check_needs(analysis: Any, signals: Container[str], key: str = "analyses") -
 
     Args:
         analysis: with or without `needs`.
-        signals: names of those that there are.
+        signals: names of the existing signals.
         key: of the analysis, for the message.
 
     Raises:
@@ -118,7 +118,7 @@ def check_modes(names: Mapping[str, str], signals: Mapping[str, LoggedSignal]) -
 
 
 def read_only(log: Any) -> Any:
-    """The log as analyses see it, of the same samples: what one writes into it raises or is seen by nobody else."""
+    """A read-only log of the same samples, for an analysis: writing into it raises, or changes this copy only."""
     seen = log.copy(deep=False)
     for name, variable in seen.variables.items():
         if name in seen.indexes:
@@ -130,15 +130,15 @@ def read_only(log: Any) -> Any:
 
 
 def check_metrics(found: Mapping[Any, Any], there: Iterable[str], analysis: str) -> dict[str, float | None]:
-    """What an analysis puts out as metrics; numbers that are not finite are None.
+    """Check the metrics that an analysis returns; numbers that are not finite become None.
 
     Args:
         found: by name.
-        there: names of the metrics that there are already.
+        there: names of the existing metrics.
         analysis: its name.
 
     Raises:
-        RunFailedError: a name that is none, or is taken; a value that is no number.
+        RunFailedError: a name that is invalid or taken, or a value that is not a number.
     """
     _check_names(found, (*there, "findings"), "metric", analysis)  # metrics.json has both
     for name, value in found.items():
@@ -149,7 +149,7 @@ def check_metrics(found: Mapping[Any, Any], there: Iterable[str], analysis: str)
 
 
 def check_figures(found: Mapping[Any, Any], there: Iterable[str], analysis: str) -> Mapping[str, Figure]:
-    """What an analysis puts out as figures, see `check_metrics`."""
+    """Check the figures that an analysis returns, see `check_metrics`."""
     from matplotlib.figure import Figure
 
     _check_names(found, there, "figure", analysis)
@@ -163,7 +163,7 @@ def check_figures(found: Mapping[Any, Any], there: Iterable[str], analysis: str)
 
 
 def check_files(found: Mapping[Any, Any], there: Iterable[str], analysis: str) -> Mapping[str, str]:
-    """What an analysis puts out as files of its own, see `check_metrics`."""
+    """Check the files that an analysis returns, see `check_metrics`."""
     _check_names(found, there, "file", analysis)
     for name, text in found.items():
         if not isinstance(text, str):
@@ -172,7 +172,7 @@ def check_files(found: Mapping[Any, Any], there: Iterable[str], analysis: str) -
 
 
 def _check_names(names: Iterable[Any], there: Iterable[str], what: str, analysis: str) -> None:
-    """Refuse names that are none for a file or a column, or that are taken; some systems do not know capitals."""
+    """Refuse names that are invalid for a file or a column, or taken in any case: some systems ignore case."""
     taken = {name.lower() for name in there}
     for name in names:
         if not isinstance(name, str):
@@ -201,7 +201,7 @@ def run_metrics(
 ) -> dict[str, float | None]:
     """The metrics of any run, as far as it has the signals.
 
-    Of several surfaces each has its own force metrics, with its name in front.
+    With several surfaces, each has its own force metrics, with its name as a prefix.
 
     Args:
         log: over time.
@@ -223,7 +223,7 @@ def run_metrics(
 
 
 def surfaces(log: Any) -> list[tuple[str, Any]]:
-    """The log of each surface that is pressed on, with what stands in front of its names; of one surface nothing."""
+    """The log of each surface that is pressed on, with the prefix of its metrics, empty for a single surface."""
     if SURFACE not in log.dims:
         return [("", log)]
     return [(f"{name}.", log.sel(surface=name)) for name in log[SURFACE].values]
@@ -249,7 +249,7 @@ def run_figures(
         log: over time, or over (variant, time).
         title: heading.
         findings: of every variant, marked where a time belongs to them.
-        allowed: what is expected of metrics, drawn where they are forces.
+        allowed: expected ranges of metrics, drawn where they can be converted to forces.
         motion: begin and end of the motion along the surface [s]; None without one.
     """
     from forcectl.analysis.force_targets import force_targets

@@ -1,4 +1,4 @@
-"""Stretches of samples in which something is so."""
+"""Intervals of samples in which a condition holds."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from forcectl.arrays import Mask
 
 
 def stretches(here: Mask) -> list[slice]:
-    """The stretches in which it is true."""
+    """The intervals of consecutive samples in which `here` is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(int)))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -1,4 +1,4 @@
-"""Metrics of a force whose reference moves: errors while it does, and gain and phase lag of a periodic one.
+"""Metrics of a force whose reference moves: errors during the motion, and gain and phase lag if it is periodic.
 
 A sine of the reference and the response to it, over the same whole periods, are the least squares fits::
 
@@ -19,23 +19,25 @@ _REGULAR = 0.02  # share by which periods of the reference may differ
 _OF_BOTH: dict[str, Metric] = {
     "tracking_rms_N": Metric(
         "N",
-        "root mean square distance of measured force and moving reference",
+        "root mean square difference between measured force and moving reference",
         "sqrt(mean((F - F_r)^2)) while F_r moves",
     ),
     "tracking_max_abs_error_N": Metric(
-        "N", "largest distance of measured force and moving reference", "max |F - F_r| while F_r moves"
+        "N", "largest difference between measured force and moving reference", "max |F - F_r| while F_r moves"
     ),
     "tracking_gain": Metric(
-        "1", "measured force by reference, at the frequency of the reference", "|A of F| / |A of F_r|"
+        "1",
+        "amplitude of the measured force divided by that of the reference, at the reference's frequency",
+        "|A of F| / |A of F_r|",
     ),
     "tracking_phase_lag_deg": Metric(
         "deg",
-        "how far the measured force is behind, at the frequency of the reference",
+        "phase lag of the measured force behind the reference, at the reference's frequency",
         "arg(A of F_r) - arg(A of F), from -180 to 180",
         "positive: behind the reference; negative: ahead of it",
     ),
 }
-# None in a run whose reference does not move but in steps; gain and phase lag also where it is not periodic.
+# None in a run whose reference moves in steps only; gain and phase lag also where it is not periodic.
 TRACKING_METRICS: dict[str, Metric] = {
     "reference_frequency_Hz": Metric(
         "Hz", "frequency of a periodic reference that moves", "1 / mean time between rises of F_r through its middle"
@@ -75,7 +77,7 @@ def tracking_metrics(
 
 
 def rises(time: Signal, desired: Signal) -> list[float] | None:
-    """Times at which a periodic signal rises through its middle [s]; None for one that is not, or for one period."""
+    """Times at which a periodic signal rises through its middle [s]; None if it is not periodic, or has one period."""
     middle = (desired.max() + desired.min()) / 2
     above = desired > middle
     before = np.flatnonzero(~above[:-1] & above[1:])

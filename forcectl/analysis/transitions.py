@@ -1,4 +1,4 @@
-"""How a task state machine went: when each mode began, what caused each transition, how it ended."""
+"""The course of a task state machine: when each mode began, what caused each transition, how it ended."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from forcectl.framework.fields import Config
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_AFTER = 0.1  # [s] from a transition on
+_AFTER = 0.1  # [s] interval after each transition
 
 
 class Stay(NamedTuple):
@@ -26,7 +26,7 @@ class Stay(NamedTuple):
         begin, end: [s]; the last stay ends with the log.
         value: that caused the transition into it, in its own unit; None for the first stay.
         kind: 0 the machine goes on, 1 success, 2 failure.
-        reason: of the failure; "" where it is none, or none is known.
+        reason: of the failure; "" without a failure, or if none is stated.
     """
 
     mode: str
@@ -41,13 +41,13 @@ class Stay(NamedTuple):
 class TransitionAnalysis(Config):
     """Scenario part `!Transitions`.
 
-    Of a run with a state machine. Of another run there is nothing.
+    For a run with a state machine. Other runs have none of its metrics.
     """
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `TRANSITION_METRICS`; `begins_s` and `last_begins_s` of every mode, None of one that never began.
 
-        Of joint references also jerk and reversals in every mode that began, and in the 0.1 s from each transition on
+        With joint references also jerk and reversals in every mode that began, and in the 0.1 s after each transition
         (`transitions.jerk_share_1_s`).
         """
         found = stays(log)

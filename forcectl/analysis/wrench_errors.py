@@ -1,8 +1,9 @@
-"""How wrong estimated wrenches are, all the time: false forces where nothing acts, and how soon a load is felt.
+"""Errors of estimated wrenches over the whole run: false forces where nothing acts, and how soon a load is detected.
 
 Errors are quantiles over all samples of an arm, in the axes of its tool where the estimator puts out
-`estimated_local_wrench` in `tcp`, else in the world. Where nothing acts, the error is a false force. Of two arms there
-are the same of the wrench between them, at the TCP of the second one, see `forcectl.estimation.wrench_between`.
+`estimated_local_wrench` in `tcp`, else in the world. Where nothing acts, the error is a false force. With two arms the
+same metrics exist for the wrench between them, at the TCP of the second one, see
+`forcectl.estimation.wrench_between`.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ from forcectl.plant.plant_model import PlantModel
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LEAST = 1e-6  # [N, Nm] from here on something acts
-_FELT = {"felt_after_52_ms_pct": (0.052, 1 / 2), "felt_after_200_ms_pct": (0.2, 5 / 6)}  # [s], share of the load
+_LEAST = 1e-6  # [N, Nm] a larger load acts
+# Time after the beginning of a load [s], and the share of the load that must be estimated by then.
+_FELT = {"felt_after_52_ms_pct": (0.052, 1 / 2), "felt_after_200_ms_pct": (0.2, 5 / 6)}
 _DIRECTIONS = {"z": (5,), "xy": (3, 4)}
 
 
@@ -46,10 +48,13 @@ class WrenchErrorAnalysis(Config):
 
     reads_of_model: ClassVar[tuple[str, ...]] = ("friction",)
 
-    begin: float = key(1.5, "of the run, that is not judged", unit="s", bounds="not negative")
-    threshold: float = key(0.45, "of the force along a load that counts as felt", unit="N", bounds="positive")
+    begin: float = key(1.5, "time at the start of the run that is not judged", unit="s", bounds="not negative")
+    threshold: float = key(
+        0.45, "estimated force along a load above which the load counts as detected", unit="N", bounds="positive"
+    )
     between: str = key(
-        "", "signal with the wrench between two arms, in the axes of the errors; empty: the mean of what both feel"
+        "",
+        "name of a signal with the wrench between the arms, in the axes of the errors; empty: mean of both estimates",
     )
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
@@ -83,7 +88,7 @@ class WrenchErrorAnalysis(Config):
         return metrics | self._assumed(setting)
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
-        """How large the errors of all arms are in which share of the time, in every variant."""
+        """Distribution over time of the errors of all arms, in every variant."""
         from forcectl.figures.wrench_errors import error_figure
 
         errors = {}
@@ -122,7 +127,7 @@ class WrenchErrorAnalysis(Config):
         return found | self._felt(time, estimated[:, 3:], true[:, 3:])
 
     def _felt(self, time: Array, estimated: Array, true: Array) -> dict[str, float | None]:
-        """Of every load: how soon the force along it is estimated, against what was estimated before."""
+        """How soon each load is detected: by the estimated force along it, relative to the estimate before it."""
         felt: dict[str, list[float]] = {name: [] for name in _FELT}
         delays: list[float] = []
         loads = [load for load in stretches(np.linalg.norm(true, axis=1) > _LEAST) if load.start > 0]
@@ -145,7 +150,7 @@ class WrenchErrorAnalysis(Config):
 
     @staticmethod
     def _between(posture: Array, truth: PlantModel, local: bool, *both: Array) -> list[Array]:
-        """Of wrenches (k, 12) of two arms those of the first on the second (k, 6), in the axes that they are in."""
+        """Wrenches (k, 6) of the first arm on the second from wrenches (k, 12) of both arms, in the same axes."""
         robot = truth.known_robot()
         context, plant = robot.create_context(), robot.plant
         tips = [arm.tcp_frame for arm in robot.parts.arms.values()]
@@ -174,7 +179,7 @@ class WrenchErrorAnalysis(Config):
 
     @staticmethod
     def _assumed(setting: Setting) -> dict[str, float | None]:
-        """What the result rests on: how large friction is, and how wrong what is believed of it."""
+        """Assumptions behind the result: the size of the friction, and its error in the model."""
         true, believed = setting.truth, setting.model
         limits = true.known_robot().limits.torque
         known = np.isfinite(limits) & (true.friction.coulomb > 0)

@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Iterable
 
 _LONGEST, _LONGEST_ALONE = 60, 100  # letters
-# Signs that tell variants apart.
+# Signs that distinguish variants, and their words.
 _WORDS = ((r"(?<!\w)-(?=[\d.])", " minus "), (r"\+", " plus "), ("%", " pct "), ("[<>]=?", " "), ("=", " "))
 
 
@@ -36,7 +36,7 @@ def file_names(names: Iterable[str]) -> dict[str, str]:
 
 
 def file_name(text: str, prefix: str = "") -> str:
-    """A text as a part of a file name, whatever others there are: one that loses signs gets a number of its own.
+    """A text as a part of a file name, independent of others: one that loses signs gets a hash of the text.
 
     Args:
         text: any.

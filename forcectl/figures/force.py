@@ -16,19 +16,19 @@ from matplotlib.legend import Legend
 
 from forcectl.figures.targets import GREY, ForceTarget, draw_bands, draw_targets
 
-# Okabe and Ito: told apart with any colour vision, and in print.
+# Okabe and Ito: distinguishable with any colour vision, and in print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-# Of further rounds through the colours; reference models have plain dashes.
+# Line styles of each further round through the colours; reference models have plain dashes.
 _DASHES: tuple[Any, ...] = ("-", (0, (1, 1.2)), (0, (7, 1.5, 1, 1.5)))
-_OVER, _CLOSE = (0, (4, 4)), 0.02  # dashes of a curve over one that is nearer than this share of its range
+_OVER, _CLOSE = (0, (4, 4)), 0.02  # dashes of a curve that covers another, nearer than this share of its range
 Found = Mapping[str, Sequence[Any]]  # findings of every variant, see `forcectl.analysis.findings`
 NOTHING: Found = {}
 _ONLY_VARIANT = "default"  # name of the variant of a scenario without variants
 _MOST_LABELLED = 12
 _MOST_INSIDE = 6  # more entries of a legend than that would hide curves
 _MOST_MARKED = 8  # findings whose kinds are written
-_LETTER = 0.0075  # of the time axis, that a letter of a kind takes
-_FIRST_SAMPLES = 0.2  # of a tuning
+_LETTER = 0.0075  # width of a letter of a kind, as a share of the time axis
+_FIRST_SAMPLES = 0.2  # first share of the time, which the limits of a tuning's axes ignore
 _GAIN = "proportional_gain"
 _TUNING = {
     "controller_output": "u_hat [m]",
@@ -45,7 +45,7 @@ def force_figure(log: Any, title: str = "", findings: Found = NOTHING, targets: 
         log: dataset over time, or over (variant, time): `desired_force`, `measured_force` and perhaps `model_force`.
         title: heading.
         findings: of every variant, marked at their times.
-        targets: what is expected of the forces.
+        targets: allowed ranges of the forces.
     """
     figure, axes = _new(title, "force [N]")
     variants, drawn = list(_drawn(log)), list[Any]()
@@ -247,7 +247,7 @@ def legend_above(axes: Axes, columns: int, size: float = 8.0) -> None:
 
 
 def plain_names(legend: Legend) -> None:
-    """Show names as they are: two dollar signs make no formula of what is between them."""
+    """Show names as plain text: two dollar signs do not mark a formula."""
     for text in legend.get_texts():
         text.set_parse_math(False)
 
@@ -269,7 +269,7 @@ def _seen_through(dashes: Any, values: Any, drawn: list[Any]) -> Any:
 
 
 def _has_model(log: Any) -> bool:
-    """Whether a reference model says anything: it rests at zero while a controller is excited in an open loop."""
+    """Whether the reference model responds: it stays at zero while a controller is excited in an open loop."""
     return "model_force" in log and bool((abs(log["model_force"]) > 0.0).any())
 
 
@@ -279,7 +279,7 @@ def colour_of(index: int) -> str:
 
 
 def look_of(index: int) -> tuple[str, Any]:
-    """Colour and dashes of a curve of several, no two alike as far as possible: used up, colours begin again."""
+    """Colour and dashes of one of several curves, all different as far as possible; colours repeat when used up."""
     return colour_of(index), _DASHES[index // len(COLOURS) % len(_DASHES)]
 
 

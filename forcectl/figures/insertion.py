@@ -47,7 +47,7 @@ def insertion_figure(
         axes.set_ylabel(label, fontsize=9)
         for stay in stays[1:]:
             axes.axvline(stay.begin, color="0.6", lw=0.7, zorder=0)
-    # Names of short stays would lie on each other: four heights.
+    # Four heights, so that the names of short stays do not overlap.
     for k, stay in enumerate(stays):
         along.annotate(
             stay.mode,

@@ -12,8 +12,8 @@ from forcectl.figures.force import NOTHING, Found, colour_of, legend_above, mark
 
 _LOCAL = "estimated_local_wrench"
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2))}
-_AT_REST = 1e-3  # [rad/s], shown at least
-# A signal that has a number in all components that there are, by their dimension.
+_AT_REST = 1e-3  # [rad/s] smallest range of the speed axis
+# By dimension, a signal that has values in all components that exist in a variant.
 _OF_COMPONENTS = {
     "joint": "link_position",
     "arm": "arm_contact_force",
@@ -64,7 +64,7 @@ def speed_figure(log: Any, title: str = "") -> Figure:
     for i, (arm, axes) in enumerate(zip(arms, rows, strict=True)):
         for k, joint in enumerate(joints[i * each : (i + 1) * each]):
             axes.plot(log["time"], log["link_velocity"].sel(joint=joint), color=colour_of(k), lw=1.2, label=joint)
-        least, most = axes.get_ylim()  # the rounding of an arm that stands is no motion
+        least, most = axes.get_ylim()  # rounding of an arm at rest must not look like motion
         axes.set_ylim(min(least, -_AT_REST), max(most, _AT_REST))
         axes.set_ylabel(f"{arm}: joint speed [rad/s]")
         legend_above(axes, 7, 7.0)
@@ -74,7 +74,8 @@ def speed_figure(log: Any, title: str = "") -> Figure:
 def force_figure(log: Any, title: str = "") -> Figure:
     """True forces at the tool centre points over time, and what was estimated, one row per arm.
 
-    True forces are in the world. Of an estimate in other axes, which the log does not name, both are shown by size.
+    True forces are in the world. If an estimate is in other axes, which the log does not name, only magnitudes are
+    shown.
     """
     arms, estimated = [str(name) for name in log["arm"].values], _estimated(log)
     figure, rows = stacked(len(arms), 8.0, 0.9 + 2.6 * len(arms), title)

@@ -24,7 +24,7 @@ def alignment_figure(curves: Mapping[str, tuple[Array, Array, Array]], angle: fl
         title: heading.
     """
     runs = {name: (time, theta, np.gradient(theta, time), torque) for name, (time, theta, torque) in curves.items()}
-    # Every other one is dashed: curves that are the same show below each other.
+    # Every other curve is dashed, so that equal curves remain visible.
     figure, rows = _curves(runs, ("angle [rad]", "speed [rad/s]", "torque [Nm]"), title, 1.4, ("-", (0, (4, 2))))
     rows[0].axhline(angle, **_LIMIT)
     rows[-1].set_xlabel("time [s]; dotted: the hole")
@@ -70,7 +70,7 @@ def surface_alignment_figure(
 def _curves(
     runs: Mapping[str, Sequence[Array]], labels: Sequence[str], title: str, width: float = 1.0, dashes: Any = ("-",)
 ) -> tuple[Figure, list[Axes]]:
-    """Rows of quantities over time, which is the first of each run, in a colour for each variant."""
+    """Rows of quantities over time, the first array of each run, in one colour for each variant."""
     figure, rows = stacked(len(labels), 7.5, 0.8 + 2.2 * len(labels), title)
     for k, (name, (time, *values)) in enumerate(runs.items()):
         look = {"color": colour_of(k), "ls": dashes[k % len(dashes)], "lw": width, "label": name}

@@ -13,7 +13,7 @@ from forcectl.figures.force import COLOURS, colour_of, legend_above, stacked
 
 
 def reach_figure(log: Any, distance: Array, every: int, title: str = "") -> Figure:
-    """Tool centre points with their targets, one row per arm; distance of the links; joint speeds and what binds."""
+    """Tool centre points with their targets, one row per arm; distance of links; joint speeds, active constraints."""
     arms, time = [str(name) for name in log["arm"].values], log["time"].values
     figure, rows = stacked(len(arms) + 2, 7.5, 0.8 + 1.9 * (len(arms) + 2), title)
     place, target = (log[name].values.reshape(len(time), len(arms), 6) for name in ("task_position", "task_target"))
@@ -37,7 +37,7 @@ def reach_figure(log: Any, distance: Array, every: int, title: str = "") -> Figu
 def null_space_figure(
     runs: Mapping[str, Any], found: Mapping[str, tuple[Array, Array]], limits: Any, every: int, title: str = ""
 ) -> Figure:
-    """Joint speeds, room to the joint limits (`JointLimits`), least distance and reflected mass of every variant."""
+    """Joint speeds, distance to joint limits (`JointLimits`), distance of links, reflected mass of every variant."""
     figure, rows = stacked(4, 7.5, 0.8 + 1.9 * 4, title)
     for k, (name, log) in enumerate(runs.items()):
         time, colour = log["time"].values, colour_of(k)

@@ -1,4 +1,4 @@
-"""What is asked of a force, in its figure: bands around each held reference, and targets with what is allowed."""
+"""Allowed forces in the figure of a force: bands around each constant reference, and targets with their ranges."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from forcectl.arrays import Array
 
 BANDS = (0.05, 0.02)  # of the reference, in which a force is settled
 _SHADES = ("#ececec", "#d9d9d9")
-_HELD = 0.2  # [s] that a reference is held at least, to have a band
-_MOST_REFERENCES = 3  # different ones that have bands
+_HELD = 0.2  # [s] shortest time of a constant reference with a band
+_MOST_REFERENCES = 3  # largest number of different references with bands
 _MOST_TARGETS = 12
 GREY = "#707070"
 _ARROW = 0.05  # length, of the height of the axes, where one side is open
 
 
 class ForceTarget(NamedTuple):
-    """What a force is expected to be.
+    """The allowed range of a force.
 
     Attributes:
         variant: whose force; "" where there is one only.
         time: of the force that is judged [s].
-        low, high: what is allowed [N]; None: open.
-        published: force [N]; None: there is no number.
+        low, high: allowed range [N]; None: open.
+        published: published force [N]; None: there is none.
     """
 
     variant: str
@@ -37,7 +37,7 @@ class ForceTarget(NamedTuple):
 
 
 def draw_bands(axes: Axes, references: Iterable[tuple[Array, Array]]) -> None:
-    """Shade 5 % and 2 % around every force that is held.
+    """Shade 5 % and 2 % around every constant desired force.
 
     Args:
         axes: force over time.
@@ -60,7 +60,7 @@ def draw_bands(axes: Axes, references: Iterable[tuple[Array, Array]]) -> None:
 
 
 def draw_targets(axes: Axes, colours: Mapping[str, str], targets: Sequence[ForceTarget]) -> None:
-    """Mark what is allowed at the time of the force that is judged: a bar, with an arrow where one side is open.
+    """Mark the allowed range at the time of the force that is judged: a bar, or an arrow where one side is open.
 
     Args:
         axes: force over time, with the curves.

@@ -15,7 +15,7 @@ _MOST_VARIANTS = 6
 
 
 def transition_figure(runs: Mapping[str, Sequence[Any]], modes: Sequence[str], title: str = "") -> Figure:
-    """Which mode held when, a row per mode that ever did, with the value that caused each transition.
+    """Time line of the modes, a row for each that was entered, with the value that caused each transition.
 
     Args:
         runs: stays in modes (`Stay`) by the name of the variant; the first six are drawn.
@@ -29,7 +29,7 @@ def transition_figure(runs: Mapping[str, Sequence[Any]], modes: Sequence[str], t
         whole = stays[-1].end - stays[0].begin
         for stay in stays:
             row = entered.index(stay.mode)
-            # What is too short to be seen is drawn as long as can be.
+            # A stay too short to be seen is drawn with the smallest visible length.
             length = max(stay.end - stay.begin, 0.004 * whole)
             axes.barh(row, length, left=stay.begin, height=0.55, color=_KINDS[stay.kind])
             if stay.value is not None:

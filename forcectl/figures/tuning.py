@@ -8,11 +8,11 @@ from forcectl.arrays import Array
 from forcectl.figures.force import COLOURS, stacked
 from forcectl.figures.targets import GREY
 
-_NOTHING = 1e-3  # of the largest force, a difference that nobody sees
+_NOTHING = 1e-3  # smallest difference that is drawn to scale, as a share of the largest force
 
 
 def experiment_figure(time: Array, displacement: Array, force: Array, model_force: Array, title: str = "") -> Figure:
-    """The record over time, displacement above and force below, with what the plant model makes of the displacement.
+    """The record over time, displacement above and force below, with the plant model's force for that displacement.
 
     Args:
         time: (k,) [s].
@@ -49,9 +49,9 @@ def prediction_figure(time: Array, predicted: Array, model: Array, title: str = 
     below.set_ylabel("difference [N]")
     below.set_xlim(float(time[0]), float(time[-1]))
     largest = float(model.max())
-    if float(abs(predicted - model).max()) < _NOTHING * largest:  # rounding errors have no shape
+    if float(abs(predicted - model).max()) < _NOTHING * largest:  # so that rounding errors do not fill the axes
         below.set_ylim(-_NOTHING * largest, _NOTHING * largest)
-    # A loop that runs away must not hide the model it runs away from.
+    # A predicted loop that diverges must not hide the reference model.
     if not (predicted[-1] == predicted[-1] and abs(predicted).max() < 3 * largest):
         above.set_ylim(-largest, 3 * largest)
         below.set_ylim(-2 * largest, 2 * largest)

@@ -12,7 +12,7 @@ from forcectl.figures.force import COLOURS, colour_of, frame, plain_names
 
 
 def error_figure(errors: Mapping[str, Mapping[str, Array]], title: str = "") -> Figure:
-    """How large errors are in which share of the time: one panel per quantity, one curve per variant.
+    """Cumulative distribution of errors over time: one panel per quantity, one curve per variant.
 
     Args:
         errors: sizes over time, by variant and by the quantity with its unit.

@@ -1,1 +1,1 @@
-"""What became of a contact: its first touch, and how a tool aligned with it."""
+"""Analyses of a contact: its first touch, side force, and how a tool aligns with and follows a surface."""

@@ -1,4 +1,4 @@
-"""How the force on a second surface comes to what is wanted there, beside the one that is measured."""
+"""How the true force on a second surface settles at its desired value, beside the surface whose force is measured."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.robot.model import unit_normal
 
-_AT_REST = 0.1  # share of the run, its last, whose mean counts
+_AT_REST = 0.1  # last share of the run, over which the error is averaged
 
 
 @dataclass(kw_only=True)
 class SideForceAnalysis(Config, WithoutFigures):
     """Scenario part `!SideForce`.
 
-    Of a `!ContactTruth` with the second surface, from the start of the run on.
+    By the true wrench of a `!ContactTruth` with the second surface, from the start of the run on.
     """
 
     needs: ClassVar[dict[str, str]] = CONTACT_TRUTH
 
-    axis: list[float] = key(meaning="outward normal of that surface, in W", bounds="not all zero", size=3)
-    force: float = key(meaning="wanted along it", unit="N", bounds="positive")
+    axis: list[float] = key(meaning="outward normal of the second surface, in W", bounds="not all zero", size=3)
+    force: float = key(meaning="desired force along the normal of the second surface", unit="N", bounds="positive")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `SIDE_FORCE_METRICS`."""

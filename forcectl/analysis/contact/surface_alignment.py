@@ -1,4 +1,4 @@
-"""How a flat tool aligns with a plate by the torque that it feels: what is true of it."""
+"""How a flat tool aligns with a plate by means of the contact torque: metrics of the truth."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 class SurfaceAlignmentAnalysis(Config):
     """Scenario part `!SurfaceAlignment`.
 
-    Of one surface, with the truth that a `!ContactTruth` at the TCP has.
+    For one surface, by the true wrench of a `!ContactTruth` at the TCP.
     """
 
     needs: ClassVar[dict[str, str]] = CONTACT_TRUTH | REFERENCE
 
-    torque: float = key(0.2, "largest contact torque of a tool that is aligned", unit="Nm", bounds="positive")
-    deadline: float = key(3.0, "by which it is to be, from the start", unit="s", bounds="not negative")
+    torque: float = key(0.2, "true contact torque below which the tool counts as aligned", unit="Nm", bounds="positive")
+    deadline: float = key(3.0, "time from the start by which the tool must be aligned", unit="s", bounds="not negative")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `SURFACE_ALIGNMENT_METRICS`; None where the run ends before the deadline."""

@@ -17,12 +17,12 @@ from forcectl.framework.fields import Config, key
 class SurfaceFollowingAnalysis(Config, WithoutFigures):
     """Scenario part `!SurfaceFollowing`.
 
-    Of one surface with `turning: true`.
+    For one surface with `turning: true`.
     """
 
     needs: ClassVar[dict[str, str]] = {"surface_tilt": "a surface with turning = true"} | REFERENCE
 
-    begin: float = key(2.0, "from which it is judged", unit="s", bounds="not negative")
+    begin: float = key(2.0, "time at the start of the run that is not judged", unit="s", bounds="not negative")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `SURFACE_FOLLOWING_METRICS`; None where the run ends before it is judged."""

@@ -14,14 +14,14 @@ from forcectl.errors import BadInputError
 from forcectl.force.approach import ApproachMode
 from forcectl.framework.fields import Config
 
-_BAND = 0.05  # of the reference
+_BAND = 0.05  # half width of the band, as a share of the reference
 
 
 @dataclass(kw_only=True)
 class TouchDownAnalysis(Config, WithoutFigures):
     """Scenario part `!TouchDown`.
 
-    Of a tool that `!Approach` brings to one surface.
+    For a tool that `!Approach` brings to one surface.
     """
 
     needs: ClassVar[dict[str, str]] = {"approach_mode": "controller: !Approach"}

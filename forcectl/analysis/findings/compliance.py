@@ -1,4 +1,4 @@
-"""Whether a surface gives as the model of it says, from the log, its truth included."""
+"""Whether a surface is as compliant as its model, from the log, its truth included."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.analysis.findings.pressing import Pressing
 
-_RANGE = 0.1  # of the largest reference, that the force in contact changes by at least
-_STRAIGHT = 0.05  # of the way, that it may be from a line
-_FACTOR = 2.0  # between both compliances of the surface, from where on it is worth a word
-_SHARE = 0.1  # of the model's whole compliance, that they differ by at least
-_MOST = 100.0  # times, beyond which the factor is not told
+_RANGE = 0.1  # smallest range of the force in contact, as a share of the largest reference
+_STRAIGHT = 0.05  # largest standard deviation from the fitted line, as a share of the range of displacement
+_FACTOR = 2.0  # smallest ratio of the two compliances that is reported
+_SHARE = 0.1  # smallest difference that is reported, as a share of the model's whole compliance
+_MOST = 100.0  # largest ratio that is stated as a number
 
 
 def compliance_findings(log: Pressing, robot: float, believed: float) -> Iterator[RunFinding]:
-    """Compare what the surface gives with the model of it: a fit of the way into it over the force, at rest along it.
+    """Compare the surface with its model: compliance is a line fit of displacement over force, at rest along it.
 
     Args:
         log: of a surface of one material that does not move.
@@ -31,7 +31,7 @@ def compliance_findings(log: Pressing, robot: float, believed: float) -> Iterato
     if len(force) < 2 or np.ptp(force) < _RANGE * log.desired.max() or not np.ptp(force) > 0:
         return
     line = np.polyfit(force, way, 1)
-    if np.std(way - np.polyval(line, force)) > _STRAIGHT * np.ptp(way):  # loads and hops are no compliance
+    if np.std(way - np.polyval(line, force)) > _STRAIGHT * np.ptp(way):  # disturbed by loads or loss of contact
         return
     seen = float(line[0]) - robot
     factor = max(believed / seen if seen > 0 else np.inf, seen / believed)

@@ -1,4 +1,4 @@
-"""Scenario part `findings`: what a run is looked at for, and from where on something counts."""
+"""Scenario part `findings`: the checks of every run, and their thresholds."""
 
 from __future__ import annotations
 
@@ -24,32 +24,51 @@ _SHARE = "above 0 and below 1"
 
 @dataclass(kw_only=True)
 class FindingsConfig(Config):
-    """Scenario part `findings`: thresholds. Shares of a force are of the reference."""
+    """Scenario part `findings`: thresholds. Shares of a force are relative to the reference."""
 
     largest_force: float | None = key(
-        None, "of the true contact force; null: none is stated", unit="N", bounds="positive"
+        None, "largest true contact force that is allowed; null: no limit", unit="N", bounds="positive"
     )
-    settled_share: float = key(0.05, "within which a force is settled", bounds=_SHARE)
-    swing_share: float = key(0.02, "of a swing from peak to peak that may last", bounds=_SHARE)
+    settled_share: float = key(
+        0.05,
+        "largest deviation from the reference at which a force counts as settled, as a share of the reference",
+        bounds=_SHARE,
+    )
+    swing_share: float = key(
+        0.02,
+        "largest oscillation of the force, peak to peak, that may last, as a share of the reference",
+        bounds=_SHARE,
+    )
     growth: float = key(
         1.5,
-        "of swings from the earlier to the later half, above which they are unstable",
+        "growth of an oscillation, its later half by its earlier half, above which the loop counts as unstable",
         bounds="above 1 and at most 100",
     )
-    bounce: float = key(0.05, "longest loss of contact that is a bounce", unit="s", bounds="not negative")
+    bounce: float = key(0.05, "longest loss of contact that counts as a bounce", unit="s", bounds="not negative")
     saturated: float = key(
-        0.2, "for which a command that stands at its extreme is saturated", unit="s", bounds="positive"
+        0.2, "time at its extreme value after which a command counts as saturated", unit="s", bounds="positive"
     )
     chatter_rate: float = key(
         20.0,
-        "of reversals of a command at rest, from which it chatters",
+        "rate of reversals from which on a command at rest counts as chattering",
         unit="1/s",
         bounds="above 0 and at most 10000",
     )
-    chatter_share: float = key(0.002, "that a reversal of the displacement command is worth", bounds=_SHARE)
-    limit_share: float = key(0.01, "of a limit, by which it may be exceeded", bounds="from 0 to 1")
-    stuck: float = key(0.02, "for which a joint stands still that sticks", unit="s", bounds="positive")
-    releases: int = key(3, "of a joint that sticks, from which on it is worth a word", bounds="from 1 to 1000")
+    chatter_share: float = key(
+        0.002,
+        "smallest reversal of the displacement command that counts as chatter: the force that it is worth by the total "
+        "compliance, as a share of the reference",
+        bounds=_SHARE,
+    )
+    limit_share: float = key(
+        0.01,
+        "allowed excess over a joint limit, as a share of the speed limit or of the position range",
+        bounds="from 0 to 1",
+    )
+    stuck: float = key(0.02, "shortest standstill of a joint that counts as sticking", unit="s", bounds="positive")
+    releases: int = key(
+        3, "number of releases of a sticking joint from which on stick-slip is reported", bounds="from 1 to 1000"
+    )
     ignore: list[str] = key([], "kinds of findings that are left out", choices=lambda: KINDS)
 
     def __post_init__(self) -> None:

@@ -25,7 +25,7 @@ class Severity(IntEnum):
 
     @property
     def meaning(self) -> str:
-        """What it says of the run."""
+        """The meaning of this severity for the run."""
         return _MEANINGS[self]
 
 
@@ -33,7 +33,7 @@ SEVERITIES = {severity.word: severity for severity in Severity}
 
 
 def parse_severity(text: str, name: str) -> Severity:
-    """The severity of that word; BadInputError that says `name` for another one."""
+    """The severity of that word; for another word a BadInputError about `name`."""
     if text not in SEVERITIES:
         raise unknown(name, text, SEVERITIES)
     return SEVERITIES[text]
@@ -41,13 +41,13 @@ def parse_severity(text: str, name: str) -> Severity:
 
 _MEANINGS = {
     Severity.INFO: "worth knowing; nothing is wrong",
-    Severity.WARNING: "the run did what it was to do, but not well: look before its numbers are used",
-    Severity.ERROR: "the run did not do what it was to do, or a real robot would have stopped or been damaged",
+    Severity.WARNING: "the run completed its task, but not well: check it before its numbers are used",
+    Severity.ERROR: "the run did not complete its task, or a real robot would have stopped or been damaged",
 }
 
 
 class Kind(NamedTuple):
-    """A kind of findings: how bad it is, and what it says."""
+    """A kind of findings: how bad it is, and what it means."""
 
     severity: Severity
     meaning: str
@@ -55,75 +55,91 @@ class Kind(NamedTuple):
 
 KINDS: dict[str, Kind] = {
     "sensor_saturated": Kind(Severity.ERROR, "the true force was at the end of the force sensor's range, or beyond"),
-    "sensor_off": Kind(Severity.ERROR, "the force sensor showed a force at rest wrong by more than a fifth"),
-    "readings_repeated": Kind(Severity.WARNING, "readings of the force sensor were lost or late, again and again"),
+    "sensor_off": Kind(
+        Severity.ERROR, "the readings of the force sensor were off a steady true force by more than a fifth"
+    ),
+    "readings_repeated": Kind(Severity.WARNING, "readings of the force sensor were repeatedly lost or late"),
     "command_saturated": Kind(
-        Severity.WARNING, "a command stood still at its extreme while more was needed, or a motor torque at its limit"
+        Severity.WARNING,
+        "a command stayed at its extreme value while the force error required more, or a motor torque was at its limit",
     ),
     "torque_beyond_limits": Kind(
-        Severity.WARNING, "the motion may have needed more torque than a motor has, from drives without a limit"
+        Severity.WARNING, "the motion may have needed more than a motor's torque limit, which the drives do not apply"
     ),
     "estimate_at_bound": Kind(
-        Severity.WARNING, "an estimated compliance stood at its bound, and explained the force no longer"
+        Severity.WARNING, "an estimated compliance stayed at its bound and could no longer explain the force"
     ),
     "compliance_off": Kind(
-        Severity.INFO, "a surface was at least twice as stiff or as soft as the model of it that the law is given"
+        Severity.INFO, "a surface was at least twice as stiff or as soft as in the model that the force law uses"
     ),
-    "contact_lost": Kind(
-        Severity.ERROR, "the tool left the surface while a force was wanted, and for longer than a bounce"
-    ),
+    "contact_lost": Kind(Severity.ERROR, "the tool left the surface for longer than a bounce while a force was wanted"),
     "contact_bounced": Kind(Severity.WARNING, "the tool left the surface for a moment while a force was wanted"),
     "no_contact": Kind(
-        Severity.ERROR, "a force was wanted, and the tool never touched the surface, or no law regulated it"
+        Severity.ERROR,
+        "a force was wanted, but the tool never touched the surface, or no force law was in charge at the end",
     ),
-    "touched_again": Kind(Severity.INFO, "a first touch bounced or went back a step, before the force law took over"),
+    "touched_again": Kind(
+        Severity.INFO, "the tool left the surface again after a first touch, before the force law took over"
+    ),
     "force_too_high": Kind(Severity.ERROR, "the true force was above the stated maximum"),
     "unstable": Kind(
         Severity.ERROR,
-        "the true force swings more and more under a constant reference, or nothing but losses of contact bounds it",
+        "the true force oscillates under a constant reference, and its amplitude grows or is only bounded by loss of "
+        "contact",
     ),
     "limit_cycle": Kind(
         Severity.WARNING,
-        "the true force keeps swinging under a constant reference, at rest or in motion along an even surface; an "
-        "error where it swings by more than half of that",
+        "the true force keeps oscillating under a constant reference, at rest or in motion along an even surface; an "
+        "error if the amplitude is more than half of the reference",
     ),
     "swings_beside_reference": Kind(
-        Severity.WARNING, "the true force swings more often, or much further, than its varying reference"
+        Severity.WARNING, "the true force oscillates more often, or much further, than its varying reference"
     ),
     "reference_not_followed": Kind(
-        Severity.WARNING, "the true force changes by less than a tenth of what its varying reference does"
+        Severity.WARNING, "the true force changes by less than a tenth of the change of its varying reference"
     ),
     "force_disturbed": Kind(
         Severity.WARNING,
-        "the true force had settled, and was taken off its constant reference by more than a fifth; or, in motion "
-        "along a surface, it stays off by more than the reference for half a second",
+        "the true force had settled, and then deviated from its constant reference by more than a fifth; or, in motion "
+        "along a surface, its error exceeds the reference for half a second",
     ),
-    "stick_slip": Kind(Severity.WARNING, "a joint sticks and lets go, again and again, while its command moves on"),
+    "stick_slip": Kind(
+        Severity.WARNING, "a joint sticks and slips repeatedly, while its command moves on or the reference is constant"
+    ),
     "not_settled": Kind(
         Severity.WARNING,
-        "the true force is off its constant reference at the end of a hold; an info while it is on its way",
+        "the true force has not settled at the end of a constant reference; an info while it still approaches it",
     ),
-    "chatter": Kind(Severity.WARNING, "a command at rest turns round many times a second"),
-    "command_beyond_limits": Kind(Severity.ERROR, "the commanded motion is beyond limits of the joints"),
-    "links_beyond_limits": Kind(Severity.WARNING, "the motion of the robot is beyond limits of its joints"),
-    "target_not_reached": Kind(Severity.WARNING, "the run ended on the way to the last targets"),
-    "target_stalled": Kind(Severity.ERROR, "the last targets were not reached, and came no nearer for a second"),
+    "chatter": Kind(Severity.WARNING, "a command at rest reverses many times a second"),
+    "command_beyond_limits": Kind(Severity.ERROR, "the commanded motion exceeds limits of the joints"),
+    "links_beyond_limits": Kind(Severity.WARNING, "the motion of the robot exceeds limits of its joints"),
+    "target_not_reached": Kind(Severity.WARNING, "the run ended before the last targets were reached"),
+    "target_stalled": Kind(
+        Severity.ERROR, "the last targets were not reached, and their distance did not decrease for a second"
+    ),
     "machine_failed": Kind(Severity.ERROR, "the state machine ended in a failure"),
     "machine_not_ended": Kind(Severity.WARNING, "the run ended before its state machine"),
     "solver_fallback": Kind(
-        Severity.ERROR, "a controller had no solution of its program, or no good readings, and braked or held"
+        Severity.ERROR,
+        "a controller found no solution of its optimisation problem, or had invalid readings, and braked or held",
     ),
-    "guarded": Kind(Severity.WARNING, "the guard held, slowed down or took back the command, and passed it on again"),
-    "guard_stopped": Kind(Severity.ERROR, "the guard took the command over and stopped"),
-    "friction_unknown": Kind(Severity.WARNING, "friction was to be identified, and the run does not excite a joint"),
-    "key_unread": Kind(Severity.INFO, "a key has another value than usual, and no effect"),
-    "held": Kind(Severity.WARNING, "a controller braked or held its joints, with a solution"),
+    "guarded": Kind(
+        Severity.WARNING, "the guard held, slowed down or withdrew the command for a while, then released it"
+    ),
+    "guard_stopped": Kind(Severity.ERROR, "the guard took over the command and stopped"),
+    "friction_unknown": Kind(
+        Severity.WARNING, "friction could not be identified, such as where the run does not excite a joint"
+    ),
+    "key_unread": Kind(Severity.INFO, "a key has another value than its default, and no effect"),
+    "held": Kind(
+        Severity.WARNING, "a controller braked or held its joints although its optimisation problem had a solution"
+    ),
 }
 
 
 @dataclass(frozen=True)
 class RunFinding:
-    """One thing to know of a run.
+    """One finding about a run.
 
     Attributes:
         kind: one of `KINDS`, or a name of one's own.
@@ -157,12 +173,12 @@ class RunFinding:
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> RunFinding:
-        """What was recorded."""
+        """The finding of a recorded row."""
         return cls(row["kind"], parse_severity(row["severity"], "severity"), row["text"], row["time_s"])
 
 
 def findings_lines(findings: Mapping[str, Sequence[RunFinding]]) -> list[str]:
-    """The findings of every variant, a line each; one that says so where there is none."""
+    """The findings of every variant, a line each; `findings: none` if there are none."""
     several = len(findings) > 1
     lines = [
         f"{one.severity.word}: {f'{variant}: ' if several else ''}{one.text}"

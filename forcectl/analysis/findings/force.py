@@ -18,14 +18,14 @@ from forcectl.plant.contact.contact_monitor import ContactMode
 if TYPE_CHECKING:
     from forcectl.analysis.findings.config import FindingsConfig
 
-_AT_RANGE = 0.999  # of the range, from where on a filtered reading is that of a saturated sensor
-_STANDS = 1e-12  # [m] by which a command that stands still may move
+_AT_RANGE = 0.999  # share of the range from which on a filtered reading is that of a saturated sensor
+_STANDS = 1e-12  # [m] largest distance from its extreme value of a command that stays there
 
 
 def force_findings(
     log: Pressing, ranges: list[float], config: FindingsConfig, filtered: bool = True
 ) -> Iterator[RunFinding]:
-    """What there is to say of one surface.
+    """The findings about one surface.
 
     Args:
         log: its signals.
@@ -34,7 +34,7 @@ def force_findings(
         filtered: whether the sensors have a filter that is slower than a tick.
     """
     yield from _sensor(log, ranges)
-    if ranges:  # an estimated force is none that a sensor shows
+    if ranges:  # not if the force is an estimate
         yield from reading_findings(log.time, log.measured, log.true, min(ranges), filtered)
     yield from _maximum(log, config)
     yield from _contact(log, config)
@@ -71,7 +71,7 @@ def _maximum(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
 
 def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
     wanted = log.desired > 0
-    if not wanted.any() or log.true.min() < 0:  # a contact that pulls is none that can be lost
+    if not wanted.any() or log.true.min() < 0:  # a contact that can pull cannot be lost
         return
     if not (log.true > 0).any():
         text = f"no contact: up to {log.desired.max():.4g} N are wanted, and the tool never touches the surface"
@@ -82,7 +82,7 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
     if wanted[-1] and not log.regulated[-1]:
         text = "no contact to regulate: at the end of the run the force law is not in charge, and"
         yield finding("no_contact", f"{text} {log.desired[-1]:.4g} N are wanted", float(log.time[-1]))
-    # What begins while no force is wanted is no loss; what begins before the law is in charge is the move's.
+    # A loss counts if a force is wanted when it begins. Before the law is in charge it belongs to the approach.
     losses = [part for part in _losses(log) if wanted[part.start]]
     yield from _touched_again(log, [part for part in losses if not log.regulated[part.start]])
     losses = [part for part in losses if log.regulated[part.start]]
@@ -114,12 +114,12 @@ def _spans(log: Pressing, losses: list[slice]) -> list[float]:
 
 
 def _losses(log: Pressing) -> list[slice]:
-    """Where the contact is lost; a light touch makes no contact that can be lost, and ends no loss."""
+    """Intervals in which the contact is lost; a light touch neither makes a contact nor ends a loss."""
     firm = log.true > TOUCH * float(log.desired.max())
     losses: list[slice] = []
     if log.contact is None:
         return losses
-    state = np.append(log.contact[1:], log.contact[-1:])  # it is that of the force a tick before
+    state = np.append(log.contact[1:], log.contact[-1:])  # the state follows the force by one tick
     for part in stretches(state == ContactMode.LOST):
         if firm[losses[-1].stop if losses else 0 : part.start].any():
             after = firm[part.stop :]
@@ -128,9 +128,9 @@ def _losses(log: Pressing) -> list[slice]:
 
 
 def _command(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
-    """A command that stands at its extreme though the force is off on the side that more of it would help.
+    """A command that stays at its extreme value although a further command would reduce the force error.
 
-    A force that arrives while the command stands there, under the same reference, needed no more: the drives lag.
+    If the force arrives while the command stays there, under the same reference, only the drives lagged: no finding.
     """
     command = log.command
     if command is None or not np.ptp(command) > 0:
@@ -161,7 +161,7 @@ def _command(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
 
 
 def _estimate(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
-    """An estimated compliance at its bound: what the force does from there on, it cannot explain."""
+    """An estimated compliance at its bound, where it can no longer explain the force."""
     if log.estimate is None:
         return
     for bound, side in zip(COMPLIANCE_BOUNDS, ("lower", "upper"), strict=True):

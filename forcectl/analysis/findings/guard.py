@@ -1,4 +1,4 @@
-"""Findings of the guard: what it took over for, and how that ended."""
+"""Findings of the guard: why it took over, and how it reacted."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from forcectl.force.guard.limits import Cause, Reaction
 
 Codes = NDArray[np.int64]
 
-GUARD = 10  # factor on the guard's part of a status; what is below is the controller's own
+GUARD = 10  # status = 10 times the guard's part plus the controller's own part, below 10
 _SHOWN = 3  # causes of a run that are spelled out
 _DOES = {
     Reaction.HOLD: "holds the command",
@@ -54,7 +54,7 @@ def own_status(status: Array) -> Array:
 
 
 def guard_findings(log: Any) -> Iterator[RunFinding]:
-    """What the guard did.
+    """The findings about the guard.
 
     Args:
         log: over time, of one variant.

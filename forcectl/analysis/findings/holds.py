@@ -1,4 +1,7 @@
-"""Findings of the force under a constant reference and under one that varies: whether it comes to rest, or swings."""
+"""Findings of the force under a constant and under a varying reference: whether it settles, or oscillates.
+
+A hold is an interval of constant reference.
+"""
 
 from __future__ import annotations
 
@@ -17,22 +20,22 @@ from forcectl.arrays import Mask, Signal
 if TYPE_CHECKING:
     from forcectl.analysis.findings.config import FindingsConfig
 
-_TAIL = 0.5  # of a hold of the reference, whose end is looked at
-_LONG = 1.0  # [s] of a hold in the course of a run, whose end is looked at
-_END = 0.1  # of a hold, over which the force is to be settled
-_WIDE = 0.1  # of the reference, from peak to peak, of a swing that counts in motion and beside a varying reference
-_FURTHER = 1.5  # times the reference, that the force may swing
-_FOLLOWED = 0.1  # of what a varying reference does, that the force does at least
-_SWINGS = 4  # that make a limit cycle: two periods
-_GROWING = 6  # swings that tell growth from chance
-_WILD = 0.5  # of the reference, from which on swings to both sides are an error
-_DISTURBED = 0.2  # of the reference, by which a force that had settled is taken off it
-_AWAY = 0.5  # [s] for which a force in motion is further off than its reference; a peak at an obstacle is shorter
-_APPROACHING = 0.9  # share that the error falls to over the last tenths of a hold, where the force is on its way
+_TAIL = 0.5  # last share of a hold, which is checked for chatter and sticking
+_LONG = 1.0  # [s] shortest interval that is checked; a hold at the end of the run may be shorter
+_END = 0.1  # last share of a hold, over which the force must be settled
+_WIDE = 0.1  # smallest swing, peak to peak, in motion and under a varying reference, as a share of the reference
+_FURTHER = 1.5  # largest range of the force, as a multiple of the range of its varying reference
+_FOLLOWED = 0.1  # smallest range of the force, as a share of the range of its varying reference
+_SWINGS = 4  # fewest swings of a limit cycle: two periods
+_GROWING = 6  # fewest swings that show growth rather than chance
+_WILD = 0.5  # amplitude from which on a limit cycle is an error, as a share of the reference
+_DISTURBED = 0.2  # deviation of a force that had settled that is reported, as a share of the reference
+_AWAY = 0.5  # [s] shortest time in motion with an error above the reference; a peak at an obstacle is shorter
+_APPROACHING = 0.9  # largest ratio of the mean errors in the last two tenths of a hold while the force approaches
 
 
 def hold_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
-    """What is found in the holds of the reference: of each kind the worst, with the hold where there are several."""
+    """The worst finding of each kind in the holds of the reference, with the hold in its text if there are several."""
     holds = _holds(log)
     found: dict[str, list[tuple[slice, RunFinding]]] = {}
     for hold in holds:
@@ -51,13 +54,13 @@ def hold_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]
 
 
 def _holds(log: Pressing) -> list[slice]:
-    """Where the reference is constant and above zero in a closed loop at rest: for long, or to the end of the run."""
+    """Holds of a reference above zero in a closed loop at rest, of at least `_LONG` or up to the end of the run."""
     same = np.concatenate([[False], np.diff(log.desired) == 0]) & log.closed & (log.desired > 0)
     return [part for part in stretches(same) if part.stop == len(same) or lasts(log.time, part) >= _LONG]
 
 
 def moving_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
-    """What no change explains: swings in motion and beside a reference that varies, and a force far off in motion."""
+    """Oscillations in motion and under a varying reference, and a force far off its reference in motion."""
     found: list[RunFinding] = []
     same = np.concatenate([[False], np.diff(log.desired) == 0]) & (log.desired > 0)
     for part in _long(log, log.sliding & same):
@@ -76,9 +79,9 @@ def moving_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFindin
 
 
 def _far_off(log: Pressing, part: slice) -> Iterator[RunFinding]:
-    """Whether the force, in motion along a surface, stays off its constant reference by more than that."""
+    """Whether the force error, in motion along a surface, stays above the constant reference itself."""
     time, error = log.time[part], np.abs(log.desired - log.true)[part]
-    later = time >= time[0] + _LONG  # what the force does after a step is a rise or a fall
+    later = time >= time[0] + _LONG  # just after a step the force rises or falls
     away = [each for each in stretches(later & (error > log.desired[part])) if lasts(time, each) >= _AWAY]
     if away:
         begin, total = float(time[away[0].start]), sum(lasts(time, each) for each in away)
@@ -87,7 +90,7 @@ def _far_off(log: Pressing, part: slice) -> Iterator[RunFinding]:
 
 
 def _beside(log: Pressing, part: slice) -> Iterator[RunFinding]:
-    """Whether the force, in the later half of a stretch, does more than its varying reference, or next to nothing."""
+    """Whether the force, in the later half of an interval, varies more than its varying reference, or hardly at all."""
     later = slice((part.start + part.stop) // 2, part.stop)
     time, true, wanted = log.time[later], log.true[later], log.desired[later]
     least = _WIDE * float(wanted.mean())
@@ -114,7 +117,7 @@ def _long(log: Pressing, here: Mask) -> list[slice]:
 
 
 def _hold(log: Pressing, hold: slice, config: FindingsConfig) -> Iterator[RunFinding]:
-    """Whether the force comes to rest at a constant reference."""
+    """Whether the force settles at a constant reference."""
     time, true, wanted = log.time[hold], log.true[hold], float(log.desired[hold][0])
     tail = slice(int(np.searchsorted(time, time[-1] - _TAIL * (time[-1] - time[0]))), len(time))
     found = swinging(time, true, config.swing_share * wanted, _SWINGS)
@@ -129,7 +132,7 @@ def _hold(log: Pressing, hold: slice, config: FindingsConfig) -> Iterator[RunFin
 
 
 def _swings(found: Swinging, time: Signal, true: Signal, wanted: float, config: FindingsConfig) -> RunFinding:
-    """A limit cycle, or an unstable loop: its swings grow, or nothing but the loss of contact keeps them from it."""
+    """A limit cycle, or an unstable loop: its oscillation grows, or only the loss of contact bounds it."""
     grows = found.swings >= _GROWING and found.growth > config.growth
     half = time >= (found.begin + time[-1]) / 2
     losses, periods = len(stretches(half & (true == 0.0))), float(time[-1] - time[half][0]) / found.period
@@ -147,13 +150,13 @@ def _swings(found: Swinging, time: Signal, true: Signal, wanted: float, config: 
 
 
 def _disturbed(time: Signal, error: Signal, wanted: float, config: FindingsConfig) -> Iterator[RunFinding]:
-    """Whether a force that had settled is taken far off a constant reference."""
+    """Whether a force that had settled deviates far from its constant reference again."""
     calm = [
         part
         for part in stretches(np.abs(error) <= config.settled_share * wanted)
         if lasts(time, part) >= config.saturated
     ]
-    if not calm or (error > (1 - TOUCH) * wanted)[calm[0].stop :].any():  # a contact that is lost is told as such
+    if not calm or (error > (1 - TOUCH) * wanted)[calm[0].stop :].any():  # loss of contact is reported as such
         return
     later = np.abs(error[calm[0].stop :])
     if later.max(initial=0.0) > _DISTURBED * wanted:
@@ -191,7 +194,7 @@ def _settled(time: Signal, error: Signal, wanted: float, config: FindingsConfig,
 
 
 def _sticking(log: Pressing, tail: slice, wanted: float, config: FindingsConfig) -> Iterator[RunFinding]:
-    """The joints that stick and let go, each time to another force, late under a constant reference."""
+    """Joints that stick and slip, to another force each time, in the later part of a constant reference."""
     time, true, found = log.time[tail], log.true[tail], {}
     for name, motor in log.motors.items():
         parts = rests(time, motor[tail], config.stuck)
@@ -210,7 +213,7 @@ def _chatter(
 ) -> Iterator[RunFinding]:
     least = config.chatter_share * wanted * compliance
     points = turning_points(command, least)
-    if len(points) < 3:  # not once to and fro
+    if len(points) < 3:  # no full period
         return
     rate = (len(points) - 1) / float(time[-1] - time[0])
     if rate >= config.chatter_rate:

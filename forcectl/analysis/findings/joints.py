@@ -22,19 +22,19 @@ from forcectl.robot.model import JointLimits
 if TYPE_CHECKING:
     from forcectl.analysis.findings.config import FindingsConfig
 
-_FEW = 3  # ticks at a limit of torque that are none worth a word
+_FEW = 3  # largest number of ticks at a torque limit that is not reported
 _MOVES = 2e-3  # [rad/s] a command that is faster moves on
-_AGAIN = 2.0  # [s] within which a joint that sticks does so again and again
-_NEAR = 1e-3  # [m or rad] from a target, which then counts as reached
-_JUST_GIVEN = 0.1  # [s] before the end of the run, when a target that is given cannot be reached
-_POSE = 6  # coordinates
-_HELD_BACK = 0.1  # [s] before a failure, throughout which a constraint that holds with equality is worth a word
+_AGAIN = 2.0  # [s] time within which the releases of a sticking joint are counted
+_NEAR = 1e-3  # [m or rad] largest distance from a target that counts as reached
+_JUST_GIVEN = 0.1  # [s] a target that changes later than this before the end of the run is not judged
+_POSE = 6  # coordinates of a pose
+_HELD_BACK = 0.1  # [s] before a failure; a constraint that is active throughout is mentioned
 _ROUNDING = 1e-9  # [s]
 _SHOWN = 3  # joints with poor readings that are named
 
 
 def joint_findings(log: Any, setting: Setting, config: FindingsConfig) -> Iterator[RunFinding]:
-    """Limits, friction and the command at rest.
+    """Findings about joint limits, stick-slip and commands at rest.
 
     Args:
         log: over time, of one variant.
@@ -84,7 +84,7 @@ def _beyond(
     names: list[str],
     config: FindingsConfig,
 ) -> Iterator[RunFinding]:
-    """The joint that is furthest beyond its limits of position, and that of speed."""
+    """The joint that is furthest beyond its position limits, and the one furthest beyond its speed limit."""
     if position is not None:
         span = limits.position_upper - limits.position_lower
         out = np.maximum(position - limits.position_upper, limits.position_lower - position)
@@ -105,18 +105,18 @@ def _beyond(
 def _sticking(
     time: Signal, motors: Signal, speed: Signal, names: list[str], config: FindingsConfig
 ) -> Iterator[RunFinding]:
-    """Joints that stand still and let go though their command moves on in one direction."""
+    """Joints that stick and slip although their command moves on in one direction."""
     for k, name in enumerate(names):
         times = []
         for on in (1.0, -1.0):
             for going in stretches(on * speed[:, k] > _MOVES):
                 way = on * motors[going, k]
                 for rest in rests(time[going], way, config.stuck):
-                    # Where a joint turns round it may well rest.
+                    # A joint may rest where it reverses.
                     if way[rest.start] > way[rest.start - 1] and way[rest.stop + 1] > way[rest.stop]:
                         times.append(float(time[going][rest.stop]))
         times.sort()
-        # Again and again, not once in a while, as where something pushes.
+        # Repeated releases only, not rare ones, such as those caused by external forces.
         near = [begin for begin, end in zip(times, times[config.releases - 1 :], strict=False) if end - begin <= _AGAIN]
         if near:
             text = f"{name} sticks and lets go {len(times)} times while its command moves on"
@@ -165,7 +165,7 @@ def _fallbacks(log: Any) -> Iterator[RunFinding]:
 
 
 def _poor_readings(log: Any, here: Mask) -> str:
-    """Which joints the controller had no good reading of in these ticks, and what was wrong with it; else ""."""
+    """Joints whose readings were invalid for the controller in these ticks, and why; "" if there are none."""
     if "reading_ok" not in log or log["reading_ok"].dims != ("time", "joint"):
         return ""
     poor, said = (log["reading_ok"].values < 0.5) & here[:, np.newaxis], []
@@ -220,7 +220,7 @@ def _targets(log: Any, setting: Setting) -> Iterator[RunFinding]:
 
 
 def _any(here: Mask) -> Mask:
-    """Of a signal of several components, whether it is so of one of them."""
+    """Whether it is true of any component of a signal, at each sample."""
     return np.any(here.reshape(len(here), -1), axis=1)
 
 

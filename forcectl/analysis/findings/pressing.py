@@ -9,7 +9,7 @@ import numpy as np
 from forcectl.arrays import Mask, Signal
 from forcectl.force.approach import ApproachMode
 
-TOUCH = 0.02  # of the reference, above which a contact is made that can be lost
+TOUCH = 0.02  # share of the reference above which a force makes a contact that can be lost
 
 
 class Pressing(NamedTuple):
@@ -23,11 +23,11 @@ class Pressing(NamedTuple):
         displacement: of the tool along the normal by the motors [m]; None where it is not logged.
         motors: positions of the motors by the names of the joints [rad].
         regulated: whether the force law is in charge: tuned, and past the first touch.
-        closed: whether it is, and the tool is not in motion along the surface.
+        closed: whether the force law is in charge, and the tool is not in motion along the surface.
         moves: whether the tool is in motion along the surface.
         sliding: whether the force law is in charge in motion along an even surface.
         compliance: C_T [m/N].
-        estimate: C_E_hat [m/N]; None of a law that learns none.
+        estimate: C_E_hat [m/N]; None of a law that does not estimate it.
     """
 
     time: Signal
@@ -53,7 +53,7 @@ class Pressing(NamedTuple):
             log: over time.
             compliance: C_T [m/N].
             motion: begin and end of the motion along the surface [s].
-            even: whether the surface is of one material, at rest, without heights but a slope.
+            even: whether the surface is a plane at rest, perhaps with a slope.
         """
         time = log["time"].values
         regulated = np.ones(len(time), dtype=bool)
@@ -79,17 +79,17 @@ class Pressing(NamedTuple):
 
 
 def lasts(time: Signal, part: slice) -> float:
-    """Time from the first to the last sample [s]."""
+    """Time from the first to the last sample of an interval [s]."""
     return float(time[part.stop - 1] - time[part.start])
 
 
 def spent(time: Signal, here: Mask) -> float:
-    """Time at which it is so [s]: a sample counts until the next one."""
+    """Total time in which `here` is true [s]; a sample counts until the next one."""
     return float(np.sum(np.diff(time, append=2 * time[-1] - time[-2] if len(time) > 1 else time[-1])[here]))
 
 
 def first_time(time: Signal, here: Mask) -> float:
-    """Time of the first sample at which it is so [s]."""
+    """Time of the first sample at which `here` is true [s]."""
     return float(time[int(np.argmax(here))])
 
 

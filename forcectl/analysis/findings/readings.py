@@ -1,7 +1,7 @@
 """Findings of a force sensor whose readings are plausible one by one and yet wrong, from the log, its truth included.
 
-A reading that repeats one shortly before, while others differ, was lost or came late: behind its filter a sound sensor
-moves at every tick, or rests for many. Without a filter its resolution alone repeats readings.
+A reading that equals one shortly before, while those in between differ, was lost or came late: behind its filter an
+intact sensor changes at every tick, or rests for many. Without a filter, resolution alone makes readings repeat.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.arrays import Signal
 
 _COUNTED = 200  # ticks in which repeated readings are counted
-_REPEATED = 0.1  # of them
-_LATE = 25  # ticks by which a reading may be late
-_ROUNDING = 1e-9  # of the largest reading, by which one that rests may change
-_AT_REST, _WINDOW = 50, 0.1  # ticks, and time [s], at least, in which a force changes by less than
-_RESTS = 0.05  # of itself
-_LEAST = 0.1  # of the largest true force, above which readings are compared with it
-_OFF = 0.2  # of the true force
-_LASTING = 5  # windows in a row, in which a filter of 6 rad/s comes as close as that after a step
+_REPEATED = 0.1  # smallest share of them that is reported
+_LATE = 25  # largest delay of a late reading [ticks]
+_ROUNDING = 1e-9  # largest change of a reading at rest, as a share of the largest reading
+_AT_REST, _WINDOW = 50, 0.1  # shortest window: ticks, and time [s]
+_RESTS = 0.05  # largest range of a force at rest in a window, as a share of its mean
+_LEAST = 0.1  # smallest true force that readings are compared with, as a share of the largest
+_OFF = 0.2  # smallest error of the readings that is reported, as a share of the true force
+_LASTING = 5  # consecutive windows with that error; after a step a filter of 6 rad/s is closer by then
 
 
 def reading_findings(
     time: Signal, measured: Signal, true: Signal, limit: float, filtered: bool = True
 ) -> Iterator[RunFinding]:
-    """What there is to say of the readings of one surface.
+    """The findings about the readings of one surface.
 
     Args:
         time: shape (k,) [s].
         measured: shape (k,), finite or not [N].
         true: shape (k,) [N].
-        limit: range of the sensor [N]; what is beyond is not compared.
+        limit: range of the sensor [N]; forces beyond it are not compared.
         filtered: whether the sensor has a filter that is slower than a tick.
     """
     if filtered:
@@ -42,7 +42,7 @@ def reading_findings(
 
 
 def _finite(measured: Signal) -> Signal:
-    """The readings, with zero for those that are no numbers."""
+    """The readings, with zero for those that are not finite."""
     return np.where(np.isfinite(measured), measured, 0.0)
 
 
@@ -53,7 +53,9 @@ def _repeated(time: Signal, measured: Signal) -> Iterator[RunFinding]:
     repeat = np.zeros(len(measured), dtype=bool)
     repeat[2:-1] = (measured[2:-1] == measured[1:-2]) & moves[:-2] & moves[2:]
     for lag in range(2, _LATE + 1):
-        back = measured[lag - 1 : -1] == measured[1 : len(measured) - lag + 1]  # the way it came, as at a turning point
+        back = (
+            measured[lag - 1 : -1] == measured[1 : len(measured) - lag + 1]
+        )  # retraces its path, as at a turning point
         repeat[lag:] |= (measured[lag:] == measured[:-lag]) & moves[lag - 1 :] & (~back | (lag == 2))
     counts = np.convolve(repeat, np.ones(_COUNTED), mode="valid")
     often = counts >= _REPEATED * _COUNTED
@@ -72,7 +74,7 @@ def _off(time: Signal, measured: Signal, true: Signal, limit: float) -> Iterator
     mean, seen = real.mean(axis=1), _finite(shown).mean(axis=1)
     rests = (np.ptp(real, axis=1) <= _RESTS * mean) & (mean >= _LEAST * true.max()) & (real.max(axis=1) < limit)
     wrong = rests & (np.abs(seen - mean) > _OFF * mean)
-    # A filter or a delay shows for a while what was before.
+    # Behind a filter or a delay, readings follow the force late.
     lasting = np.flatnonzero(np.convolve(wrong, np.ones(_LASTING), mode="valid") == _LASTING)
     if lasting.size:
         first, last = int(lasting[0]), int(lasting[-1]) + _LASTING - 1

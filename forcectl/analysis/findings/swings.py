@@ -1,4 +1,7 @@
-"""Swings of a signal, without small ripples, and whether they last; rests of a joint that sticks."""
+"""Oscillations of a signal, without small ripples, and whether they last; standstills of a joint that sticks.
+
+A swing is the change from one turning point to the next: half a period.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,16 @@ import numpy as np
 from forcectl.analysis.stretches import stretches
 from forcectl.arrays import Signal
 
-_LASTING = 0.85  # growth below which swings die down
+_LASTING = 0.85  # growth below which an oscillation decays
 _STANDS = 1e-6  # [rad/s] a joint that is slower stands still
 
 
 class Swinging(NamedTuple):
-    """A signal that swings on and on.
+    """A sustained oscillation of a signal.
 
     Attributes:
-        swings: how many.
-        amplitude: half the mean swing, of the later half of the swings, in the unit of the signal.
+        swings: their number.
+        amplitude: half the mean of the later half of the swings, in the unit of the signal.
         period: [s].
         growth: mean of the later half of the swings by that of the earlier half [1].
         begin: time of the first turning point [s].
@@ -32,7 +35,7 @@ class Swinging(NamedTuple):
 
 
 def turning_points(signal: Signal, least: float) -> list[int]:
-    """Samples at which a signal turns round and then goes back by at least `least`."""
+    """Samples at which a signal reverses and then goes back by at least `least`."""
     bends = np.flatnonzero(np.diff(np.sign(np.diff(signal)), prepend=0.0) != 0)
     points: list[int] = []
     up = 0
@@ -53,13 +56,13 @@ def turning_points(signal: Signal, least: float) -> list[int]:
 
 
 def swinging(time: Signal, signal: Signal, least: float, count: int) -> Swinging | None:
-    """How a signal swings to its end, without the swings that are larger before; None where it does not, or dies down.
+    """The oscillation that lasts to the end of a signal, without larger swings before; None if there is none.
 
     Args:
         time: [s].
         signal: of the same shape.
-        least: swing from peak to peak that counts.
-        count: of swings that are needed.
+        least: smallest swing, peak to peak, that counts.
+        count: smallest number of swings.
     """
     points = turning_points(signal, least)
     swings = np.abs(np.diff(signal[points]))
@@ -78,12 +81,12 @@ def swinging(time: Signal, signal: Signal, least: float, count: int) -> Swinging
 
 
 def rests(time: Signal, position: Signal, stuck: float) -> list[slice]:
-    """Where a joint stands still between two motions.
+    """Intervals in which a joint stands still between two motions.
 
     Args:
         time: (k,) [s].
         position: (k,) [rad].
-        stuck: for which it stands still at least [s].
+        stuck: shortest standstill [s].
     """
     step = np.diff(position)
     still = [

@@ -1,4 +1,4 @@
-"""What there is to say of a metric, in one place: the tables of metrics, `docs/metrics.md` and `forcectl explain`."""
+"""Description of a metric, the one source of the tables of metrics, `docs/metrics.md` and `forcectl explain`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ NEVER_NEGATIVE = "never negative"
 
 
 class Metric(NamedTuple):
-    """A metric in words.
+    """Description of a metric.
 
     Attributes:
         unit: of its value.
-        meaning: what it is.
+        meaning: the quantity in words.
         formula: how it is computed, in the symbols of `docs/metrics.md`, or in words.
         sign: what a positive and a negative value mean.
     """

@@ -11,23 +11,27 @@ from forcectl.analysis.tables.metric import NEVER_NEGATIVE, Metric
 from forcectl.analysis.tracking_metrics import TRACKING_METRICS
 from forcectl.errors import BadInputError, unknown
 
-# Those that measured and true force have both.
+# Metrics of the measured force that the true force has as well.
 _OF_BOTH: dict[str, Metric] = {
     "overshoot_N": Metric(
         "N",
-        "measured force beyond the reference",
+        "largest excess of the measured force over the reference after a step",
         "max of s (F - F_r) from where F first comes to F_r; s: sign of the step",
     ),
     "overshoot_pct": Metric(
         "%",
-        "measured force beyond the reference, in percent of it",
+        "largest excess of the measured force over the reference after a step, in percent of the reference",
         "100 max of s (F - F_r) / F_r, from where F first comes to F_r",
     ),
     "settling_time_5pct_s": Metric(
-        "s", "last time that the measured force is outside 5 % of the reference", "last t with |F - F_r| > 0.05 F_r"
+        "s",
+        "time from the step to the last sample of the measured force outside 5 % of the reference",
+        "last t with |F - F_r| > 0.05 F_r",
     ),
     "settling_time_2pct_s": Metric(
-        "s", "last time that the measured force is outside 2 % of the reference", "last t with |F - F_r| > 0.02 F_r"
+        "s",
+        "time from the step to the last sample of the measured force outside 2 % of the reference",
+        "last t with |F - F_r| > 0.02 F_r",
     ),
     "steady_state_error_N": Metric(
         "N",
@@ -41,32 +45,46 @@ _OF_BOTH: dict[str, Metric] = {
 STEP_METRICS: dict[str, Metric] = {
     **_OF_BOTH,
     **{f"true_{name}": metric.of_true_force() for name, metric in _OF_BOTH.items()},
-    "rise_time_s": Metric("s", "10 % to 90 % of the step", "t(90 %) - t(10 %), first times of F"),
-    "time_to_90pct_s": Metric("s", "from the step to 90 % of it", "first t with F at 90 % of the step"),
+    "rise_time_s": Metric(
+        "s", "time of the measured force from 10 % to 90 % of the step", "t(90 %) - t(10 %), first times of F"
+    ),
+    "time_to_90pct_s": Metric(
+        "s", "time from the step until the measured force is at 90 % of it", "first t with F at 90 % of the step"
+    ),
     "largest_drop_N": Metric(
-        "N", "furthest the measured force goes back after half of the step", "max of s (highest F so far - F)"
+        "N",
+        "largest drop of the measured force from its highest value so far, after half of the step",
+        "max of s (highest F so far - F)",
     ),
     "touches_2pct": Metric(
         "1",
-        "how many times the measured force comes to 2 % of the reference, bounces included",
+        "number of times that the measured force comes within 2 % of the reference, bounces included",
         "count of s (F_r - F) <= 0.02 F_r becoming true",
     ),
-    "max_abs_model_error_N": Metric("N", "largest distance from the reference model", "max |F - F_M|"),
-    "time_of_max_abs_model_error_s": Metric(
-        "s", "when the force is furthest from the reference model", "t of max |F - F_M|"
+    "max_abs_model_error_N": Metric(
+        "N", "largest difference between measured force and reference model", "max |F - F_M|"
     ),
-    "max_positive_model_error_N": Metric("N", "furthest above the reference model", "max (0, max (F - F_M))"),
+    "time_of_max_abs_model_error_s": Metric(
+        "s",
+        "time from the step to the largest difference between measured force and reference model",
+        "t of max |F - F_M|",
+    ),
+    "max_positive_model_error_N": Metric(
+        "N", "largest excess of the measured force over the reference model", "max (0, max (F - F_M))"
+    ),
     "time_of_max_positive_model_error_s": Metric(
-        "s", "when the force is furthest above the reference model", "t of max (F - F_M)"
+        "s",
+        "time from the step to the largest excess of the measured force over the reference model",
+        "t of max (F - F_M)",
     ),
     "model_error_sd_N": Metric(
         "N",
-        "standard deviation from the reference model",
+        "standard deviation of the measured force from the reference model after a step",
         "sd of F - F_M over the model_error_window of the scenario, or the step where it is shorter",
     ),
     "lag_behind_model_5pct_s": Metric(
         "s",
-        "how much later than the reference model the force has made 5 % of the step",
+        "time by which the measured force reaches 5 % of the step later than the reference model",
         "t(5 %) of F - t(5 %) of F_M",
         "positive: later than the model",
     ),
@@ -74,28 +92,39 @@ STEP_METRICS: dict[str, Metric] = {
 # None in a run without motion.
 MOTION_METRICS: dict[str, Metric] = {
     "settling_time_2pct_before_motion_s": Metric(
-        "s", "settling to 2 % in the last step before the motion begins", "as settling_time_2pct_s"
+        "s",
+        "settling time to 2 % in the last step before the motion along the surface begins",
+        "as settling_time_2pct_s",
     ),
     "mean_force_in_motion_N": Metric(
-        "N", "mean of the measured force during the motion", "mean F", "as the force, positive: pressing"
+        "N",
+        "mean of the measured force during the motion along the surface",
+        "mean F",
+        "as the force, positive: pressing",
     ),
     "peak_in_motion_N": Metric(
-        "N", "furthest above the reference during the motion", "max (0, max (F - F_r)) during the motion"
+        "N",
+        "largest excess of the measured force over the reference during the motion along the surface",
+        "max (0, max (F - F_r)) during the motion",
     ),
     "time_of_peak_in_motion_s": Metric(
-        "s", "when the force is furthest above the reference, from the beginning of the motion", "t of max (F - F_r)"
+        "s",
+        "time from the beginning of the motion along the surface to the largest excess of force",
+        "t of max (F - F_r)",
     ),
     "recovery_time_2pct_s": Metric(
         "s",
-        "from the peak in motion until the measured force is back within 2 % of the reference",
+        "time from the largest excess in motion until the measured force is back within 2 % of the reference",
         "first |F - F_r| <= 0.02 F_r",
     ),
     "dip_in_motion_N": Metric(
-        "N", "furthest below the reference during the motion", "max (0, max (F_r - F)) during the motion"
+        "N",
+        "largest deficit of the measured force below the reference during the motion along the surface",
+        "max (0, max (F_r - F)) during the motion",
     ),
     "longest_excursion_2pct_s": Metric(
         "s",
-        "longest time without being within 2 % of the reference during the motion",
+        "longest time of the measured force outside 2 % of the reference during the motion along the surface",
         "max time between samples with |F - F_r| <= 0.02 F_r",
     ),
 }
@@ -104,30 +133,39 @@ RUN_METRICS: dict[str, Metric] = {
     "peak_measured_force_N": Metric(
         "N", "largest measured force of the run", "max F", "negative: the sensor never showed pressing"
     ),
-    "contact_loss_s": Metric("s", "time without contact after the first contact", "sum of dt with F_c = 0"),
+    "contact_loss_s": Metric("s", "total time without contact after the first contact", "sum of dt with F_c = 0"),
     "run_model_error_sd_N": Metric(
-        "N", "standard deviation from the reference model over the whole run", "sd of F - F_M"
+        "N", "standard deviation of the measured force from the reference model over the whole run", "sd of F - F_M"
     ),
     "run_max_abs_model_error_N": Metric(
-        "N", "largest distance from the reference model in the whole run", "max |F - F_M|"
+        "N", "largest difference between measured force and reference model in the whole run", "max |F - F_M|"
     ),
     "control_effort_m": Metric("m", "path length of the displacement command", "sum |dx[k+1] - dx[k]|"),
     "constraint_violations": Metric(
-        "1", "ticks in which a constraint of the controller was violated, by however little", "count of violation > 0"
+        "1",
+        "number of ticks in which a constraint of the controller was violated, even slightly",
+        "count of violation > 0",
     ),
     "largest_constraint_violation": Metric(
-        "SI", "the furthest violation of a constraint, in its unit (m, rad, rad/s, Nm)", "max violation"
+        "SI",
+        "largest violation of a constraint of the controller, in its unit (m, rad, rad/s, Nm)",
+        "max violation",
     ),
 }
 # None in a run without tuning of a controller.
 _TUNED = "negative: presses when the force is too small"
 TUNING_METRICS: dict[str, Metric] = {
-    "proportional_gain": Metric("m/N", "as tuned, at the end of the run", "last K_P", _TUNED),
-    "integral_gain": Metric("m/(N s)", "as tuned, at the end of the run", "last K_I", _TUNED),
+    "proportional_gain": Metric("m/N", "tuned proportional gain at the end of the run", "last K_P", _TUNED),
+    "integral_gain": Metric("m/(N s)", "tuned integral gain at the end of the run", "last K_I", _TUNED),
     "derivative_gain": Metric(
-        "m s/N", "as tuned, at the end of the run", "last K_D", "negative: moves into the surface while the error grows"
+        "m s/N",
+        "tuned derivative gain at the end of the run",
+        "last K_D",
+        "negative: moves into the surface while the error grows",
     ),
-    "hand_over_time_s": Metric("s", "when the controller takes over from the excitation", "first t with mode = 1"),
+    "hand_over_time_s": Metric(
+        "s", "time at which the controller takes over from the excitation", "first t with mode = 1"
+    ),
     "hand_over_jump_m": Metric(
         "m", "change of the displacement command in the tick of the hand-over", "|dx[k+1] - dx[k]|"
     ),
@@ -136,12 +174,12 @@ METRICS = STEP_METRICS | TRACKING_METRICS | MOTION_METRICS | TUNING_METRICS | RU
 # Of two variants; only to be asked for in `expect`.
 PAIR_METRICS: dict[str, Metric] = {
     "force_distance_N": Metric(
-        "N", "largest distance of the measured force from that of another variant", "max |F - F of the other|"
+        "N", "largest difference between the measured forces of two variants", "max |F - F of the other|"
     ),
 }
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 
-_NAMED = 12  # in a message
+_NAMED = 12  # names in a message
 
 
 def is_metric(name: str) -> bool:
@@ -154,30 +192,30 @@ def is_metric(name: str) -> bool:
 
 
 def unknown_metric(name: str, known: Iterable[str] = ()) -> BadInputError:
-    """The error for the name of a metric that no run has, with those that look most like it: all would fill a page.
+    """The error for an unknown name of a metric, with the most similar names: all would fill a page.
 
     Args:
         name: that was given.
-        known: names that there are; empty: those of all runs.
+        known: known names; empty: those of all runs.
     """
     names = sorted({*known} or {*METRICS, *of_motion_loops.MOTION_METRICS})
     return unknown("metric", name, names, _NAMED)
 
 
 def metric_unit(name: str) -> str:
-    """Unit of a metric; "" of one of the user's."""
+    """Unit of a metric; "" of a user's metric."""
     metric = _known(name)
     return metric.unit if metric else ""
 
 
 def compared_unit(name: str) -> str:
-    """Unit of a metric, to be compared with another one's; "" also of one whose unit differs from run to run."""
+    """Unit of a metric for comparison with that of another; "" also where the unit differs from run to run."""
     unit = metric_unit(name)
     return "" if unit == "SI" else unit
 
 
 def is_never_negative(name: str) -> bool:
-    """Whether a metric is known to be zero or above; of one of the user's nothing is known."""
+    """Whether a metric is known to be zero or above; false for a user's metric."""
     metric = _known(name)
     return metric is not None and metric.sign == NEVER_NEGATIVE
 

@@ -1,4 +1,4 @@
-"""What every metric and every kind of findings is, in words: one page, and a metric at a time."""
+"""Explanations of every metric and every kind of findings: as one page, and one at a time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from forcectl.analysis.tables.metric import Metric
 from forcectl.analysis.tracking_metrics import TRACKING_METRICS
 from forcectl.errors import BadInputError, unknown
 
-_NAMED = 5  # names that an error tells
+_NAMED = 5  # names in an error
 
 _TABLES: dict[str, dict[str, Metric]] = {
     "Steps of a force": of_force.STEP_METRICS,
@@ -65,7 +65,7 @@ an error, `--strict` alone also on a warning. An analysis of one's own adds find
 
 
 def explanation(name: str) -> str:
-    """What a metric or a kind of findings is, in a few lines.
+    """The explanation of a metric or a kind of findings, in a few lines.
 
     Args:
         name: also of one step, arm, joint or mode: `step_2.overshoot_N`.
@@ -87,7 +87,7 @@ def explanation(name: str) -> str:
 
 
 def analyses_of(name: str) -> list[str]:
-    """Tags of the analyses that put a metric out; none of one that runs have by themselves."""
+    """Tags of the analyses that compute a metric; empty for a metric that runs have without an analysis."""
     last = name.rpartition(".")[2]
     titles = [title for title, table in _TABLES.items() if last in table]
     return [title.strip("`!") for title in titles] if all(title.startswith("`") for title in titles) else []
