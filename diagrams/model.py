@@ -27,8 +27,8 @@ T = TypeVar("T")
 FRICTION_KEYS = ("offset", "coulomb", "viscous_forward", "viscous_backward")
 # Lag assumed for a measured force for which none is reported: bandwidth [rad/s], damping ratio [1], delay [s].
 NO_LAG = (1e4, 1.0, 0.0)
-# Coulomb and viscous friction count as exchanged if the mean |log| of their ratio to the robot's own exceeds the first
-# number and would be smaller by the second as a factor after an exchange: off by a factor of 1.6, then by 13 % only.
+# Coulomb and viscous friction count as exchanged if the mean |log| of their ratio to the robot's own exceeds _FAR, and
+# an exchange would divide it by more than _NEARER: off by a factor of 1.6 as given, by 13 % after an exchange.
 _FAR, _NEARER = 0.5, 4.0
 _APART = 100.0  # largest factor between identified Coulomb friction and the robot's own, either way
 

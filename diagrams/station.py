@@ -65,7 +65,7 @@ class StationConfig(Config):
     gravity: bool = key(True, "whether gravity acts; false: nothing has weight")
     self_collision: bool | None = key(
         None,
-        "whether links collide with each other (Multibody only); null: only with several arms that have shapes",
+        "whether links collide (Multibody only); null: only with several arms that have all their shapes",
     )
     period: float | None = key(
         None, "control period (tick); null: that of the control parameters", unit="s", bounds="from 0.0001 to 1"

@@ -65,7 +65,7 @@ def draw_targets(axes: Axes, colours: Mapping[str, str], targets: Sequence[Force
     Args:
         axes: force over time, with the curves.
         colours: of the variants by name.
-        targets: of them; those of others are left out, and all where they are too many to be told apart.
+        targets: of them; those of others are left out, and all where they are too many to be distinguished.
     """
     shown = [one for one in targets if one.variant in colours or len(colours) == 1]
     if not shown or len(shown) > _MOST_TARGETS:

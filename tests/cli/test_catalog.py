@@ -119,7 +119,7 @@ def test_list_of_scenario_shows_the_keys_that_have_no_tag(forcectl, monkeypatch,
         "scenario: findings",
     ):
         assert f"\n{title} " in f"\n{out}", title
-    assert "outward normal, in W, of surfaces that state no normal of their own" in out
+    assert "outward normal, in W" in out
     rows = json.loads(forcectl("list", "scenario", "--json")[1])["scenario"]
     assert {row["key"]: row["unit"] for row in rows}["station.posture_deg"] == "deg"
     assert "scenario, or a tag such as !Integral" in forcectl("list", "station")[2]

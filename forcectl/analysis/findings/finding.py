@@ -128,7 +128,7 @@ KINDS: dict[str, Kind] = {
     ),
     "guard_stopped": Kind(Severity.ERROR, "the guard took over the command and stopped"),
     "friction_unknown": Kind(
-        Severity.WARNING, "friction could not be identified, such as where the run does not excite a joint"
+        Severity.WARNING, "friction could not be identified, for example because a joint is not excited"
     ),
     "key_unread": Kind(Severity.INFO, "a key has another value than its default, and no effect"),
     "held": Kind(
@@ -142,7 +142,7 @@ class RunFinding:
     """One finding about a run.
 
     Attributes:
-        kind: one of `KINDS`, or a name of one's own.
+        kind: one of `KINDS`, or a name that an analysis chose.
         severity: how bad it is.
         text: one line.
         time: when it begins [s]; None where no time belongs to it.

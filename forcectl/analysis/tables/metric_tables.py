@@ -15,12 +15,12 @@ from forcectl.errors import BadInputError, unknown
 _OF_BOTH: dict[str, Metric] = {
     "overshoot_N": Metric(
         "N",
-        "largest excess of the measured force over the reference after a step",
+        "largest excess of the measured force beyond the reference, in the direction of the step",
         "max of s (F - F_r) from where F first comes to F_r; s: sign of the step",
     ),
     "overshoot_pct": Metric(
         "%",
-        "largest excess of the measured force over the reference after a step, in percent of the reference",
+        "largest excess of the measured force beyond the reference, in the direction of the step, in percent of it",
         "100 max of s (F - F_r) / F_r, from where F first comes to F_r",
     ),
     "settling_time_5pct_s": Metric(
