@@ -4,8 +4,8 @@
     result = fc.run("fig_2_7", overrides={"station.environment.stiffness": 2e5})
     result.log["measured_force"], result.metrics, result.diagram
 
-Names are loaded on first use, so that `import forcectl` and `forcectl --help` do not wait for Drake. Each room has its
-own: `from forcectl.force import IntegralForceLaw`.
+Names are loaded on first use, so that `import forcectl` and `forcectl --help` do not wait for Drake. Each subpackage
+has names of its own: `from forcectl.force import IntegralForceLaw`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _draw(*args: Any, **options: Any) -> Any:
-    """What the room `forcectl.graph` does when it is called; it knows nothing of scenarios itself."""
+    """The call `forcectl.graph(...)`; the package `forcectl.graph` itself does not import scenarios."""
     from forcectl.runs.entry import graph
 
     return graph(*args, **options)

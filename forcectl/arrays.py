@@ -1,4 +1,4 @@
-"""Types of arrays of numbers; the docstring of what has them says their shape."""
+"""Types of arrays of numbers. Shapes are in the docstrings of what uses them."""
 
 import numpy as np
 from numpy.typing import NDArray

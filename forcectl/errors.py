@@ -4,7 +4,7 @@
       BadInputError      something the user wrote cannot be used (command line exit code 2)
       RunFailedError     a simulation had to stop (exit code 1)
 
-A message is one line and names the field or file, the value and what is allowed.
+A message is one line: the field or file, the value, and what is allowed.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ _LIBRARIES = frozenset({"forcectl", "pydrake", "numpy", "scipy"})
 
 
 class ForcectlError(Exception):
-    """Base of every error a forcectl user is expected to meet."""
+    """Base of all errors that forcectl raises for its users."""
 
 
 class BadInputError(ForcectlError, ValueError):
     """A scenario, a parameter, a file or an argument that cannot be used: `where: key text`.
 
     Args:
-        text: what is wrong; one that begins with a space goes on after the key, others follow a colon.
-        key: that it is about, with dots; "" for none.
+        text: what is wrong. A text that begins with a space is appended to the key as it is, another one after a colon.
+        key: dotted key of the value; "" for none.
         field: name of the key in a text that does not begin with it.
-        value: that was given.
-        allowed: what it must be.
+        value: the value that was given.
+        allowed: what the value must be.
 
     Attributes:
-        where: file and line, or option, that the value is from; "" where that is not known.
+        where: file and line, or option, of the value; "" where that is not known.
     """
 
     def __init__(self, text: str, *, key: str = "", field: str = "", value: Any = None, allowed: str = ""):
@@ -53,7 +53,7 @@ class BadInputError(ForcectlError, ValueError):
         return f"{type(self).__name__}({str(self)!r})"
 
     def at(self, key: str, where: str = "") -> BadInputError:
-        """The same error with its full key, and with the file and line, or the option, that the value is from."""
+        """The same error with its full key and the origin of the value: file and line, or option."""
         other = copy.copy(self)
         other.key, other.field, other.where = key, key, where
         return other
@@ -64,7 +64,7 @@ class RunFailedError(ForcectlError, RuntimeError):
 
 
 def show(value: object) -> str:
-    """A value for a message: one line, at most 60 characters, of which those in the middle are left out."""
+    """A value for a message, in one line; of more than 60 characters those in the middle are left out."""
     try:
         text = " ".join(repr(value).split())
     except (RecursionError, ValueError):
@@ -73,29 +73,29 @@ def show(value: object) -> str:
 
 
 def bound(value: float, rounded: Callable[[float], int], digits: int = 3) -> str:
-    """A bound for a message, to the side that is admitted.
+    """A bound as text for a message, rounded so that the shown number is itself allowed.
 
     Args:
-        value: positive.
-        rounded: `math.floor` of what must be at most that, `math.ceil` of what must be at least that.
-        digits: that are shown.
+        value: the bound, positive.
+        rounded: `math.floor` for an upper bound, `math.ceil` for a lower one.
+        digits: significant digits that are shown.
     """
     unit = 10.0 ** (math.floor(math.log10(value)) + 1 - digits)
     return f"{rounded(value / unit) * unit:.{digits}g}"
 
 
 def one_line(error: BaseException, longest: int | None = None) -> str:
-    """The class and the text of an exception that is not ours, in one line of at most so many characters, if given."""
+    """Class and text of any exception in one line, cut after `longest` characters where that is given."""
     try:
         text = str(error)
-    except Exception as another:  # of a class of the user's
+    except Exception as another:  # an exception class of the user
         text = f"its text raises {type(another).__name__}"
     text = " ".join(f"{type(error).__name__}: {text}".split())
     return text if longest is None or len(text) <= longest else f"{text[:longest]}..."
 
 
 def place_in_code(error: BaseException) -> str:
-    """Where code of a user raised an exception, such as " (my_law.py:14)"; "" of one that none of it did."""
+    """Where a user's code raised an exception, such as " (my_law.py:14)"; "" where no user code is involved."""
     found = ""
     for frame, line in traceback.walk_tb(error.__traceback__):
         top = str(frame.f_globals.get("__name__", "")).partition(".")[0]
@@ -120,14 +120,14 @@ def invalid_entries(key: str, values: Sequence[Any], right: Sequence[bool], allo
 
 
 def check_distinct(key: str, names: Sequence[object]) -> None:
-    """Refuse a list in which something stands twice.
+    """Refuse a list that holds an entry twice.
 
     Args:
-        key: of the list.
-        names: what stands in it.
+        key: key of the list.
+        names: entries of the list.
 
     Raises:
-        BadInputError: about the second one.
+        BadInputError: about the second of two equal entries.
     """
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -135,13 +135,13 @@ def check_distinct(key: str, names: Sequence[object]) -> None:
 
 
 def unknown(kind: str, name: object, known: Iterable[str], most: int | None = None) -> BadInputError:
-    """The error for a name that does not exist, with the nearest one that does.
+    """The error for an unknown name, with the most similar known one.
 
     Args:
-        kind: what the name is of; also the name of the key, where there is one.
-        name: that was given.
-        known: names that there are.
-        most: of them are listed, the nearest ones where there are more; None: all.
+        kind: what the name stands for, such as "preset"; also the name of the key, where there is one.
+        name: the name that was given.
+        known: all known names.
+        most: largest number of known names in the message; of more, the most similar ones. None: all are listed.
     """
     names = [str(k) for k in known]
     lower = {k.lower(): k for k in names}
@@ -160,7 +160,7 @@ def unknown(kind: str, name: object, known: Iterable[str], most: int | None = No
 
 @contextmanager
 def about(part: object) -> Iterator[None]:
-    """Errors raised within are about keys of this part of a configuration, or of a part within it."""
+    """A context: errors raised in it are about keys of this part of a configuration, or of a part inside it."""
     try:
         yield
     except BaseException as error:  # Drake's failed preconditions arrive as SystemExit

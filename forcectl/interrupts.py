@@ -1,8 +1,8 @@
-"""Ctrl-C: where it ends the program at once, where it raises `KeyboardInterrupt`, and where it waits.
+"""Ctrl-C: where it ends the program at once, where it raises `KeyboardInterrupt`, and where it is deferred.
 
-So it is with every other way to ask a program to end, see `SIGNALS`. The command line begins with `leaving()`: as long
-as there is nothing to keep, an interrupt says so and ends the process. Work that must be stopped in order stands within
-an `Interrupts`.
+The other signals that ask a program to end are treated alike, see `SIGNALS`. The command line begins with `leaving()`:
+while there is nothing to save, an interrupt prints so and ends the process. Work that must be stopped in an orderly way
+runs within an `Interrupts`.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ NOTHING_KEPT = "interrupted: nothing was kept"
 _CLEAR = b"\r\x1b[2K\x1b[?25h"  # the line of a progress bar, and show the cursor again
 _last_words = NOTHING_KEPT
 _last_acts: list[Callable[[], object]] = []
-ending = False  # an interrupted process ends without taking Python apart, which takes half a second with Drake
+ending = False  # an interrupted process skips the interpreter's shutdown, which takes half a second with Drake
 
 
 def say_when_interrupted(line: str) -> None:
-    """Set the one line that the command line ends with when it is interrupted from here on."""
+    """Set the line that the command line prints when it is interrupted from now on."""
     global _last_words
     _last_words = line
 
 
 @contextlib.contextmanager
 def leaving() -> Iterator[None]:
-    """Within, an interrupt writes its one line and ends the process at once.
+    """A context in which an interrupt prints its line and ends the process at once.
 
-    An exception would be lost or changed where it passes through the start of a compiled module.
+    An exception could be lost or changed while a compiled module is being imported.
     """
     say_when_interrupted(NOTHING_KEPT)
     before = _set(dict.fromkeys(SIGNALS, _leave))
@@ -47,7 +47,7 @@ def leaving() -> Iterator[None]:
 
 @contextlib.contextmanager
 def before_leaving(act: Callable[[], object]) -> Iterator[None]:
-    """Within, a process that an interrupt ends at once does this first, such as to remove a folder."""
+    """A context in which `act` is called before an interrupt ends the process, such as to remove a folder."""
     _last_acts.append(act)
     try:
         yield
@@ -65,17 +65,17 @@ def _leave(number: int, frame: object) -> None:
 
 
 class Interrupts:
-    """Within `with`, an interrupt raises `KeyboardInterrupt`, and is remembered.
+    """A context in which an interrupt raises `KeyboardInterrupt`, and is recorded.
 
-    Python passes over an exception that is raised while it frees an object: `check` raises it again. An interrupt that
-    has neither raised nor been heeded at the end of the `with` goes on to what was there before.
+    Python drops an exception that is raised while it frees an object: `check` raises it again. An interrupt that has
+    neither been raised nor handled by the end of the context is passed to the handler that was set before.
 
     Args:
-        held: interrupts wait, and raise only within `let_through`.
+        held: defer interrupts, and raise them only within `let_through`.
 
     Attributes:
-        asked: whether there was one.
-        heeded: whether the one who asks has dealt with it.
+        asked: whether there was an interrupt.
+        heeded: whether the caller has handled it.
     """
 
     def __init__(self, held: bool = False):
@@ -107,7 +107,7 @@ class Interrupts:
 
     @contextlib.contextmanager
     def let_through(self) -> Iterator[None]:
-        """Within, interrupts raise, one that has waited at once."""
+        """A context in which interrupts raise; a deferred one raises at once."""
         try:
             self._raising = True
             self.check()
@@ -118,7 +118,7 @@ class Interrupts:
 
 @contextlib.contextmanager
 def passed_over() -> Iterator[None]:
-    """Within, an interrupt does nothing, whatever is begun there."""
+    """A context in which interrupts are ignored, also by processes that are started in it."""
     before = _set(dict.fromkeys(SIGNALS, signal.SIG_IGN))
     try:
         yield
@@ -129,7 +129,7 @@ def passed_over() -> Iterator[None]:
 
 @contextlib.contextmanager
 def for_this_process_alone() -> Iterator[None]:
-    """Within, an interrupt waits; processes that are started leave Ctrl-C to the one that started them."""
+    """A context in which interrupts are deferred, and processes that are started in it do not receive Ctrl-C."""
     with Interrupts(held=True):
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited, by new programs too
         try:
@@ -139,10 +139,10 @@ def for_this_process_alone() -> Iterator[None]:
 
 
 def last_of_all() -> None:
-    """Prepare the end of a process that `leaving` is used in, before anything else is registered for it.
+    """Register the last steps of a process that uses `leaving`; to be called before other exit handlers are registered.
 
-    Nothing is said of an interrupt that was raised where nothing can be raised, see `Interrupts`. One that comes when
-    all is done and Python takes itself apart ends the process at once.
+    No message is printed for an interrupt that was raised where Python drops exceptions, see `Interrupts`. An interrupt
+    during the interpreter's shutdown ends the process at once.
     """
 
     def hook(lost: sys.UnraisableHookArgs) -> None:
@@ -160,14 +160,14 @@ def last_of_all() -> None:
 
 
 def finish() -> None:
-    """Say the last words, and end this process soon."""
+    """Print the line of an interrupted process, and skip the interpreter's shutdown at its end."""
     global ending
     ending = True
     print(_last_words, file=sys.stderr, flush=True)
 
 
 def _set(handlers: Mapping[int, Any]) -> dict[int, Any]:
-    """Set handlers of signals; returns those before. Only the main thread may, and what is ignored stays so."""
+    """Set handlers of signals; returns the earlier ones. Only in the main thread; ignored signals stay ignored."""
     if threading.current_thread() is not threading.main_thread():
         return {}
     heard = [number for number in handlers if signal.getsignal(number) is not signal.SIG_IGN]

@@ -73,8 +73,11 @@ def test_a_command_moves_the_robot_in_the_tick_it_is_computed_in():
     [
         ({"input": "joint_angle"}, "wants joint_angle, which nothing puts out: must be one of joint_position"),
         ({"size": 3}, "joint_velocity_command has size 3: must be 7"),
-        ({"input": "estimated_torque"}, "wants estimated_torque (external joint torques), which nothing puts out"),
-        ({"input": "link_position"}, "wants link_position (of the links), which nothing puts out"),
+        ({"input": "estimated_torque"}, "wants estimated_torque (estimated external joint torques), which nothing"),
+        (
+            {"input": "link_position"},
+            "wants link_position (positions of the links, behind the joint elasticity), which",
+        ),
     ],
 )
 def test_what_does_not_fit_the_slot_is_refused_by_port(changed, message):
