@@ -1,7 +1,7 @@
-"""What is there to choose from: experiments, presets, controllers, references, robots, tools and blocks.
+"""Lists of what a scenario can use: experiments, presets, controllers, references, robots, tools and blocks.
 
-Reads files only and imports no Drake, so that `forcectl list` answers at once. What fills a slot becomes a tag by one
-line in `SLOTS`.
+This module reads files only and does not import Drake, so that `forcectl list` is fast. One line in `SLOTS` makes a
+configuration available as a tag.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _INVARIANCE = "forcectl.force.invariance"
 _BASELINES = "forcectl.force.baselines"
 _NULL_SPACE = "forcectl.tasks.null_space_parts"
 _CONSTRAINTS = "forcectl.tasks.constraints.parts"
-# What fills each slot of a scenario: tag -> import path of the configuration; the first of each table is the default.
-# Installed packages add to them by entry points of the group `forcectl.<slot>`.
+# By slot of a scenario: tag -> import path of the configuration. The first tag of each slot is the default.
+# Installed packages add tags by entry points of the group `forcectl.<slot>`.
 SLOTS: dict[str, dict[str, str]] = {
     "controller": {
         "Integral": "forcectl.force.integral:IntegralConfig",
@@ -156,7 +156,7 @@ SLOTS: dict[str, dict[str, str]] = {
     },
     "fault": {"ReadingFault": "forcectl.plant.sensors.joint_sensors:ReadingFaultConfig"},
 }
-# What an object must have to fill a slot.
+# Methods that an object must have to fill a slot.
 CONTRACTS: dict[str, tuple[str, ...]] = {
     "controller": ("add_to",),
     "reference": ("add_to", "largest_force"),
@@ -177,11 +177,11 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "potential": ("potentials",),
     "fault": ("fault",),
 }
-_GROUP = "forcectl."  # begin of the names of groups of entry points, which end with the slot
-IMPORT = "Import"  # the tag of a class named by its import path, in every slot
+_GROUP = "forcectl."  # prefix of the groups of entry points, followed by the slot
+IMPORT = "Import"  # tag for a class given by its import path, allowed in every slot
 DEFAULT_PRESET = "friction"
 BLOCK_ROOMS = ("plant", "force", "tasks", "motion", "estimation")
-SYSTEMS = ("LeafSystem", "Diagram", "LinearSystem", "AffineSystem", "MatrixGain")  # of Drake, that blocks derive from
+SYSTEMS = ("LeafSystem", "Diagram", "LinearSystem", "AffineSystem", "MatrixGain")  # Drake's base classes of blocks
 
 
 @dataclass(frozen=True)
@@ -189,12 +189,12 @@ class ScenarioFile:
     """A scenario as written.
 
     Attributes:
-        name: of the scenario.
-        origin: label for messages.
-        tree: its content.
-        folder: that relative paths start from.
-        imports: names of modules that it may name beside those in its folder, see `forcectl.framework.imports`.
-        modules: folder whose modules it may name; None: its own.
+        name: name of the scenario.
+        origin: label of the file in messages.
+        tree: content of the file.
+        folder: folder that relative paths start from.
+        imports: modules that it may import in addition to those in its folder, see `forcectl.framework.imports`.
+        modules: folder whose modules it may import; None: its own folder.
     """
 
     name: str
@@ -206,12 +206,12 @@ class ScenarioFile:
 
     @property
     def allowed(self) -> Imports:
-        """What it may import; of a shipped one that is changed, what is in the working directory."""
+        """Modules that it may import; for a changed shipped scenario those in the working directory."""
         own = Path.cwd() if self.folder == experiments_folder() else self.folder
         return Imports(self.modules or own, self.imports)
 
     def where(self, key: str, note: str = "") -> str:
-        """Where the value at a dotted key stands: file, line and note, for messages; see `place`."""
+        """Origin of the value at a dotted key for messages: file, line and note; see `place`."""
         found = place(self.origin, self.tree.lines, key)
         return f"{found}: {note}" if note else found
 
@@ -227,13 +227,13 @@ def list_experiments() -> list[str]:
 
 
 def tags_of(slot: str) -> dict[str, str]:
-    """Tags that may fill a slot of `SLOTS`, the shipped ones and those of installed packages: tag -> import path."""
+    """Tags of a slot, the shipped ones and those of installed packages: tag -> import path."""
     return SLOTS[slot] | {tag: path for tag, path in announced(slot).items() if tag not in SLOTS[slot]}
 
 
 @cache
 def announced(slot: str) -> dict[str, str]:
-    """Tags of a slot that installed packages announce, sorted: tag -> import path. Looked for once in a process."""
+    """Tags of a slot from entry points of installed packages, sorted: tag -> import path. Cached per process."""
     from importlib.metadata import entry_points
 
     points = sorted(entry_points(group=f"{_GROUP}{slot}"))
@@ -241,12 +241,12 @@ def announced(slot: str) -> dict[str, str]:
 
 
 def groups() -> list[str]:
-    """Groups of entry points by which a package announces what fills the slots."""
+    """Groups of entry points by which a package can add tags to slots."""
     return [f"{_GROUP}{slot}" for slot in SLOTS]
 
 
 def passed_over() -> list[str]:
-    """Lines that say which entry points of installed packages are no tags, and why. Nothing is imported."""
+    """Messages about entry points of installed packages that are ignored, with the reason. Nothing is imported."""
     from importlib.metadata import entry_points
 
     points = entry_points()
@@ -259,7 +259,7 @@ def passed_over() -> list[str]:
 
 
 def _fault(slot: str, tag: str) -> str:
-    """What is wrong with a tag that a package announces; "" where nothing is."""
+    """Why a tag from an entry point is refused; "" where it is fine."""
     from importlib.metadata import entry_points
 
     if slot not in SLOTS:
@@ -284,7 +284,7 @@ def list_blocks() -> dict[str, str]:
     files = {file: ast.parse(file.read_text(encoding="utf-8")) for file in sources}
     classes = [(file, node) for file, tree in files.items() for node in tree.body if isinstance(node, ast.ClassDef)]
     systems, known = set(SYSTEMS), 0
-    while known != len(systems):  # bases before the classes made of them, whatever the order of the files
+    while known != len(systems):  # until no derived class is added, whatever the order of the files
         known = len(systems)
         systems |= {node.name for _, node in classes if systems & {ast.unparse(base) for base in node.bases}}
     found = {}
@@ -296,10 +296,10 @@ def list_blocks() -> dict[str, str]:
 
 
 def first_line(path: str) -> str:
-    """What the class at an import path is, from its documentation or that of its file, without importing it.
+    """First line of the documentation of a class, or else of its module, read without importing it.
 
     Args:
-        path: as in `SLOTS`; of a class that is not shipped the path itself is returned.
+        path: import path as in `SLOTS`; for a class that is not shipped the path itself is returned.
     """
     module, _, name = path.partition(":")
     file = Path(__file__).parents[2] / f"{module.replace('.', '/')}.py"
@@ -335,7 +335,7 @@ def find_scenario(name_or_path: str | Path) -> ScenarioFile:
 
 
 def find_preset(name: str, drive: str = "") -> ScenarioFile:
-    """The plant preset of that name, one of `list_presets`; that of stations with this drive, if there is one."""
+    """The plant preset of that name, one of `list_presets`; the version for this drive where there is one."""
     folder = experiments_folder() / "presets"
     own = folder / drive / f"{name}.yaml"
     return read_scenario(own if drive and own.is_file() else folder / f"{name}.yaml", name)
@@ -356,7 +356,7 @@ def read_scenario(path: Path, name: str) -> ScenarioFile:
 
 
 def scenario_tree(tree: Any, origin: str) -> Tagged:
-    """The root of a scenario; keys that begin with an underscore (anchors, templates) are dropped, as in Drake."""
+    """The root of a scenario, without keys that begin with an underscore (anchors, templates), as in Drake."""
     if not isinstance(tree, Tagged) or tree.tag is not None:
         kind = "a tagged mapping" if isinstance(tree, Tagged) else f"a {type(tree).__name__}"
         wanted = "must be a mapping of scenario keys, such as station, controller, duration"

@@ -1,4 +1,4 @@
-"""Which code a scenario names, itself or in a file that `gains_from` names. Read off the text: nothing is imported."""
+"""Code that a scenario names, itself or in files that `gains_from` names. Only the text is read, nothing imported."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from forcectl.scenario.catalog import IMPORT, SLOTS, ScenarioFile, announced, fi
 
 
 def code_in(file: ScenarioFile) -> dict[str, str]:
-    """Import paths of the classes beside forcectl's own that a scenario names, by the dotted key of the part.
+    """Import paths of the classes that a scenario names and that are not forcectl's, by the dotted key of the part.
 
     Args:
         file: a scenario, or a part of one, such as overrides.
@@ -29,18 +29,18 @@ def code_in(file: ScenarioFile) -> dict[str, str]:
 def check_imports(
     file: ScenarioFile, imports: Imports, where: Callable[[str], str], overrides: Mapping[str, Any] | None = None
 ) -> None:
-    """Refuse a scenario that names code it may not, before any of it is imported.
+    """Refuse a scenario that names code it may not import, before anything is imported.
 
-    The files that it names may import what it may itself, not what is beside them.
+    Files that it names may import what the scenario may import, but not modules in their own folders.
 
     Args:
-        file: a scenario as written, with its variants, or all its layers as one.
-        imports: what is allowed.
-        where: says for a dotted key where its value came from, for messages.
-        overrides: by dotted key, of any variant.
+        file: a scenario as written, with its variants, or all its layers merged.
+        imports: modules that are allowed.
+        where: gives the origin of the value at a dotted key, for messages.
+        overrides: values by dotted key, for any variant.
 
     Raises:
-        BadInputError: an import path that is none, or is not allowed.
+        BadInputError: an import path is invalid or not allowed.
     """
     _check(file.tree, imports, where, overrides)
     for start, other in _experiments(file):
@@ -62,14 +62,14 @@ def _check(
 
 
 def _experiments(file: ScenarioFile) -> Iterator[tuple[str, ScenarioFile]]:
-    """The scenarios that a scenario names, and those that they name, each once, with the key that it begins with."""
+    """All scenarios that a scenario names, directly or not, each once, with the key in `file` that leads to it."""
     seen: set[tuple[str, str]] = set()
     waiting = [(key, name, file) for key, name in _experiments_of(file.tree)]
-    for start, name, home in waiting:  # which grows
+    for start, name, home in waiting:  # the list grows meanwhile
         beside = home.folder / name
         try:
             other = find_scenario(beside if os.path.isfile(beside) else name)
-        except BadInputError:  # what is no scenario is refused where it is read
+        except BadInputError:  # refused later, where it is read
             continue
         if (place := (str(other.folder.resolve()), other.origin)) not in seen:
             seen.add(place)
@@ -98,7 +98,7 @@ def _imported(tree: Tree, key: str) -> Iterator[tuple[str, Any]]:
 
 
 def _split(tree: Tagged, overrides: Mapping[str, Any] | None = None) -> Iterator[tuple[str, Any]]:
-    """Import paths that a variant or an override gives, by its dotted key, to a part that another layer imports."""
+    """Import paths from a variant or an override, by dotted key, for a part with `!Import` in another layer."""
     layers = [*_variants(tree), ("", nest(overrides or {}))]
     whole = (tree, *(layer for _, layer in layers))
     places = {place: None for each in whole for place, tag in _tagged(each, "") if tag == IMPORT}
@@ -112,7 +112,7 @@ def _split(tree: Tagged, overrides: Mapping[str, Any] | None = None) -> Iterator
 
 
 def _variants(tree: Tagged) -> list[tuple[str, Tagged]]:
-    """The changes of each variant, without dotted keys, and the key that they begin with."""
+    """The key of each variant and its changes, with dotted keys nested."""
     variants = tree.get("variants")
     changes = variants.items() if isinstance(variants, Tagged) else ()
     return [(f"variants.{name}", nest(each)) for name, each in changes if isinstance(each, Tagged)]
@@ -126,7 +126,7 @@ def _named(tree: Tagged) -> Iterator[tuple[str, Any]]:
 
 
 def _tagged(tree: Tree, key: str) -> Iterator[tuple[str, str]]:
-    """Every tag of a tree; a text may be one, too."""
+    """Every tag of a tree by dotted key; a text counts as a tag, too."""
     tag = tree.tag if isinstance(tree, Tagged) else tree if isinstance(tree, str) else None
     if tag:
         yield key, tag.removeprefix("!")
@@ -141,5 +141,5 @@ def _parts(tree: Tree) -> Iterable[tuple[Any, Tree]]:
 
 
 def said(code: dict[str, str]) -> list[str]:
-    """Lines that say which code is run; none where there is none."""
+    """Messages about code that a scenario runs and that is not forcectl's."""
     return [f"runs code that is not forcectl's own: {path}{f' ({key})' if key else ''}" for key, path in code.items()]

@@ -1,7 +1,7 @@
-"""Where in a scenario the value stands that a block refused while a loop was built.
+"""The scenario key of a value that a block refused while the loop was built.
 
-A block's message is about a parameter, which has the name of a key of the configuration that made the block. Which
-configuration that was is said by `forcectl.errors.about`.
+The error of a block is about a parameter, which has the name of a key of the configuration that made the block.
+`forcectl.errors.about` records which configuration that was.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from forcectl.framework.yaml_tree import is_object
 
 
 def full_key(scenario: Any, error: BaseException, field: str = "") -> str:
-    """The dotted key of what an error is about that was caught while a scenario was built; "" where it is unknown.
+    """The dotted key that an error is about, which was caught while a scenario was built; "" where it is unknown.
 
     Args:
-        scenario: a dataclass of dataclasses.
-        error: that was caught.
-        field: that it is about; "" for a whole part.
+        scenario: the scenario, a dataclass of dataclasses.
+        error: the error that was caught.
+        field: field that it is about; "" for a whole part.
     """
     nodes = dict(_within(scenario, ""))
     at_work = [key for part in parts_of(error) for key, node in nodes.items() if node is part]
@@ -36,27 +36,27 @@ def full_key(scenario: Any, error: BaseException, field: str = "") -> str:
 
 
 def located(scenario: Any, error: BadInputError, where: Callable[[str], str]) -> BadInputError:
-    """The same error with the full key of what it is about, see `full_key`, and where that stands."""
+    """The same error with the full key of its value, see `full_key`, and the origin of that value."""
     key = "" if error.where else full_key(scenario, error, error.field)
-    if not key:  # of another file, or a parameter inside a block
+    if not key:  # the value is from another file, or is a parameter inside a block
         key = full_key(scenario, error)
         error = BadInputError(str(error), value=error.value, allowed=error.allowed)
     return error.at(key, where(key))
 
 
 def _names(node: Any) -> list[str]:
-    """Fields of a configuration; an object of the user's may have none."""
+    """Names of the fields of a configuration; none for an object that is no dataclass."""
     whole = dataclasses.is_dataclass(node) and not isinstance(node, type)
     return [f.name for f in dataclasses.fields(node)] if whole else []
 
 
 def _own(node: Any, name: str) -> bool:
     """Whether an object of the user's, which has no fields, has this attribute."""
-    return not dataclasses.is_dataclass(node) and name in dir(node)  # which asks no property
+    return not dataclasses.is_dataclass(node) and name in dir(node)  # evaluates no property
 
 
 def _within(part: Any, key: str) -> Iterator[tuple[str, Any]]:
-    """A configuration and every one within it, by its dotted key."""
+    """A configuration and every one inside it, by dotted key."""
     if isinstance(part, dict | list):
         for name, inner in part.items() if isinstance(part, dict) else enumerate(part):
             yield from _within(inner, join(key, name))

@@ -1,4 +1,4 @@
-"""What is expected of a run: published or required values, and the verdict on ours."""
+"""Published or required values of the metrics of a run, and the verdict on the values obtained."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ Distance = Callable[[str, str, float], float | None]
 class Term(Config):
     """A metric of a variant."""
 
-    metric: str = key(meaning="name of a metric")
-    variant: str | None = key(None, "null: the variant of the expectation")
+    metric: str = key(meaning="name of the other metric")
+    variant: str | None = key(None, "variant that the other metric is taken from; null: that of the expectation")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -39,65 +39,68 @@ class Term(Config):
 
 @dataclass(kw_only=True)
 class Other(Config):
-    """The variant whose force is compared with, and for how long."""
+    """The variant whose measured force is the reference of a comparison, and the range compared."""
 
-    variant: str = key(meaning="whose force is compared with")
+    variant: str = key(meaning="variant whose measured force is compared with")
     until_pct: float = key(
-        100.0, "of the last step, until the other one has first made this much of it", bounds="above 0 and at most 100"
+        100.0,
+        "end of the comparison: when the other force has first covered this share of the last step, in %",
+        bounds="above 0 and at most 100",
     )
 
 
 @dataclass(kw_only=True)
 class Tolerance(Config):
-    """Allowed distance from a number: the larger of the two."""
+    """Allowed distance from a number: the larger of an absolute and a relative one."""
 
-    absolute: float = key(0.0, "in the unit of the metric", bounds="not negative")
-    relative: float = key(0.0, "of the number", bounds="from 0 to 2")
+    absolute: float = key(0.0, "absolute tolerance, in the unit of the metric", bounds="not negative")
+    relative: float = key(0.0, "tolerance as a share of the number it applies to", bounds="from 0 to 2")
 
     def width(self, number: float) -> float:
         """Allowed distance from `number`."""
         return max(self.absolute, self.relative * abs(number))
 
     def holds(self, number: float, ours: float | None) -> bool:
-        """Whether ours is within the allowed distance from `number`."""
+        """Whether the value `ours` is within the allowed distance from `number`; no for None."""
         return ours is not None and abs(ours - number) <= self.width(number)
 
 
-DRIFT = Tolerance(relative=0.05)  # where a line says nothing else
+DRIFT = Tolerance(relative=0.05)  # of a line without `drift`
 
 
 @dataclass(kw_only=True)
 class Expectation(Config):
     """One line of `expect`.
 
-    The value judged is metric(variant), minus that of `minus`, or divided by that of `ratio`; the metric
-    `force_distance_N` is that of the variant's measured force from the one in `distance_to`. It passes when it lies
-    within `tolerance` of `published` (if there is a tolerance) and between `minimum` and `maximum` (`strict`: not on
-    them). A line with a gap is judged like any other and shown as missed, with the reason, but fails nothing; where it
-    is met by more than it may drift, the gap is out of date, and `forcectl reproduce --check` fails. Apart from that, a
-    line has drifted when it is further than `drift` from `expected`: from a thesis one may be away and stay there, but
-    a change of the code that moves a number shows.
+    The judged value is the metric of `variant`, minus that of `minus`, or divided by that of `ratio`. The metric
+    `force_distance_N` is the distance of the variant's measured force from that of the variant in `distance_to`.
+
+    The value passes when it lies within `tolerance` of `published` (if there is a tolerance) and between `minimum` and
+    `maximum` (with `strict` not on them). A line with a known gap is judged alike. It is shown as missed, with the
+    reason, but does not count as a failure. A gap is out of date when the line passes by more than its `drift`; then
+    `forcectl reproduce --check` fails.
+
+    Independently, a line has drifted when its value is further than `drift` from `expected`. So a constant deviation
+    from the thesis is accepted, but a change of the code that moves a number shows.
     """
 
-    target: str = key(meaning="name of the line")
-    metric: str = key(meaning="name of a metric")
-    variant: str | None = key(None, "null: the only one")
-    minus: Term | None = key(None, "metric that is subtracted")
-    ratio: Term | None = key(None, "metric that is divided by")
-    distance_to: Other | None = key(None, "variant that force_distance_N is the distance from")
-    published: float | str | None = key(None, "the thesis' number, or its statement in words")
+    target: str = key(meaning="name of this expectation")
+    metric: str = key(meaning="name of the metric that is judged")
+    variant: str | None = key(None, "variant that the metric is taken from; null: the first one")
+    minus: Term | None = key(None, "metric that is subtracted; null: none")
+    ratio: Term | None = key(None, "metric that is divided by; null: none")
+    distance_to: Other | None = key(None, "variant from whose force force_distance_N is the distance")
+    published: float | str | None = key(None, "number that the thesis gives, or its statement in words")
     expected: float | dict[str, float] | None = key(
-        None, "what the run gave when it was written: on the first of the fidelities, or on each that is named"
+        None, "earlier result, the reference of the drift: on the first of the fidelities, or by fidelity"
     )
-    drift: Tolerance | None = key(None, "more than this away from `expected` is drift; null: 5 % of it")
-    tolerance: Tolerance | None = key(None, "around `published`")
-    minimum: float | None = key(None, "of the value")
-    maximum: float | None = key(None, "of the value")
-    strict: bool = key(False, "true: minimum and maximum themselves do not pass")
-    fidelities: list[str] = key([], "judged on these, only reported on others; empty: judged on all")
-    gaps: dict[str, str] = key(
-        {}, "by fidelity, why the line is missed there: a known gap, written down in KNOWN_GAPS.md"
-    )
+    drift: Tolerance | None = key(None, "allowed distance from `expected`; null: 5 % of it")
+    tolerance: Tolerance | None = key(None, "allowed distance from `published`; null: not judged by it")
+    minimum: float | None = key(None, "smallest value that passes; null: no limit")
+    maximum: float | None = key(None, "largest value that passes; null: no limit")
+    strict: bool = key(False, "true: values equal to minimum or maximum do not pass")
+    fidelities: list[str] = key([], "fidelities on which the line is judged, on others it is only reported; empty: all")
+    gaps: dict[str, str] = key({}, "reason why the line is missed, by fidelity: a known gap, recorded in KNOWN_GAPS.md")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -119,7 +122,7 @@ class Expectation(Config):
             )
 
     def _check_terms(self) -> None:
-        """Metrics that are subtracted have the same unit."""
+        """Refuse `minus` together with `ratio`, and subtracted metrics of different units."""
         if self.minus is not None and self.ratio is not None:
             raise BadInputError(f"target {self.target!r}: minus and ratio must not go together")
         if self.minus is not None:
@@ -128,7 +131,7 @@ class Expectation(Config):
                 raise invalid("minus.metric", self.minus.metric, f"a metric in {unit}, as {self.metric}")
 
     def _check_limits(self) -> None:
-        """Something passes between minimum and maximum; what the run gave does, where there is no gap."""
+        """Refuse limits that no value meets, and an expected value that does not pass although there is no gap."""
         if not self.target.strip() or not self.target.isprintable():
             raise invalid("target", self.target, "printable characters")
         low, high = (x if x is not None else side for x, side in ((self.minimum, -math.inf), (self.maximum, math.inf)))
@@ -169,11 +172,11 @@ class Expectation(Config):
 
     @property
     def metrics(self) -> list[str]:
-        """Names of the metrics that it looks at."""
+        """Names of the metrics that the value is made of."""
         return [self.metric, *(term.metric for term in (self.minus, self.ratio) if term is not None)]
 
     def allowed(self, fidelity: str) -> Allowed | None:
-        """What it asks of its metric on a fidelity; None where it judges none there, or more than the metric."""
+        """Allowed range of the metric on a fidelity; None where it is not judged, or combined with another value."""
         if self.minus or self.ratio or self.distance_to or (self.fidelities and fidelity not in self.fidelities):
             return None
         low, high = self.minimum, self.maximum
@@ -185,7 +188,7 @@ class Expectation(Config):
         return Allowed(self.metric, self.variant, low, high, number)
 
     def variants(self, names: Sequence[str]) -> dict[str, str]:
-        """The variant of each term, by key; a term without one takes that of the expectation, then the first."""
+        """The variant of each term, by key: its own, else that of the expectation, else the first one."""
         own = self.variant if self.variant is not None else names[0]
         found = {"variant": own}
         for name in ("minus", "ratio", "distance_to"):
@@ -202,14 +205,13 @@ def judged_metrics(lines: Sequence[Expectation], variant: str, names: Sequence[s
     """The metrics of a variant that are judged on a fidelity, each with the key that names it.
 
     Args:
-        lines: of the scenario.
-        variant: whose metrics.
-        names: of all variants.
-        fidelity: of the run. A line with a gap may have no value there.
+        lines: the expectations of the scenario.
+        variant: variant whose metrics are listed.
+        names: names of all variants.
+        fidelity: fidelity of the run. Lines with a gap there are left out, as they may have no value.
 
     Raises:
-        BadInputError: a line is about a variant that there is not, compares a metric with itself, or asks what another
-            one does.
+        BadInputError: a line names an unknown variant, compares a metric with itself, or repeats another line.
     """
     found, asked = list[tuple[str, str]](), list[dict[str, Any]]()
     for i, line in enumerate(lines):
@@ -221,7 +223,7 @@ def judged_metrics(lines: Sequence[Expectation], variant: str, names: Sequence[s
         for place, name in (of_terms := line.variants(names)).items():
             if name not in names:
                 raise unknown("variant", name, names).at(f"expect.{i}.{place}")
-            term = place.removesuffix("variant")  # of the line itself empty
+            term = place.removesuffix("variant")  # empty for the line itself
             metric = getattr(getattr(line, term[:-1]) if term else line, "metric", line.metric)
             if term and (metric, name) == (line.metric, of_terms["variant"]):
                 if line.distance_to is not None:
@@ -232,24 +234,24 @@ def judged_metrics(lines: Sequence[Expectation], variant: str, names: Sequence[s
     return tuple(found)
 
 
-_ROW = {"passed": "pass", "drifted": "drift"}  # names in `summary.json` that differ
+_ROW = {"passed": "pass", "drifted": "drift"}  # attribute -> its name in `summary.json`, where they differ
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """One target, judged.
+    """The result of judging one expectation.
 
     Attributes:
-        ours: what the run gives, in the unit of the metric; None where it is undefined.
-        deviation: ours minus published, where that is a number.
-        tolerance: what is allowed, as text.
-        passed: None for a value that is reported but not judged.
-        expected: what the run once gave; None where nothing is known on this fidelity.
+        ours: value of this run, in the unit of the metric; None where it is undefined.
+        deviation: ours minus published, where published is a number.
+        tolerance: allowed values, as text.
+        passed: whether it is met; None for a value that is reported but not judged.
+        expected: value of an earlier run; None where there is none on this fidelity.
         drifted: whether ours is too far from expected; None without expected.
         metrics: names of the metrics that ours is made of.
-        unit: of ours, published and expected.
-        gap: why it is known to be missed; "" where nothing is known.
-        stale: the gap is out of date: the line is met, and stays met where ours drifts as far as it may.
+        unit: unit of ours, published and expected.
+        gap: reason why it is known to be missed; "" without a known gap.
+        stale: whether the gap is out of date: the line is met, and would be met after any drift that is allowed.
     """
 
     target: str
@@ -268,7 +270,7 @@ class Verdict:
 
     @property
     def surprising(self) -> bool:
-        """Whether it is missed, and not known to be."""
+        """Whether it is missed without a known gap."""
         return self.passed is False and not self.gap
 
     def as_row(self) -> dict[str, Any]:
@@ -280,7 +282,7 @@ class Verdict:
 
     @staticmethod
     def from_row(target: str, row: Mapping[str, Any]) -> Verdict:
-        """The verdict of a record of `summary.json`; BadInputError for one that nobody wrote."""
+        """The verdict from a record of `summary.json`; BadInputError for a record of another form."""
         known = {name: row[_ROW.get(name, name)] for name in Verdict.__annotations__ if _ROW.get(name, name) in row}
         return Reader().dataclass(Verdict, plain(known | {"target": target}), f"expectations.{target}")
 
@@ -296,12 +298,13 @@ def judge(
     """The verdict on one expectation.
 
     Args:
-        expectation: what is asked for.
+        expectation: the line that is judged.
         metrics: variant -> metric -> value.
-        names: all variants of the scenario; one that failed has no metrics.
-        fidelity: of the station that was simulated.
-        distance: looks `force_distance_N` up.
-        fidelities: of the scenario. An `expected` without a name is that of the first of the line's own, else of these.
+        names: all variants of the scenario; a variant that failed has no metrics.
+        fidelity: fidelity of the simulated station.
+        distance: gives `force_distance_N`.
+        fidelities: fidelities of the scenario. A plain number in `expected` belongs to the first fidelity of the line,
+            else to the first of these.
     """
     ours, note = _value(expectation, metrics, names, distance)
     judged = not expectation.fidelities or fidelity in expectation.fidelities

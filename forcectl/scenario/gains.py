@@ -1,8 +1,8 @@
-"""Gains that an experiment finds before the run: the key `gains_from` of a force law.
+"""Gains that an experiment identifies before the run: the key `gains_from` of a force law.
 
-The experiment is run on the station of the scenario whose law asks, with its model, estimators, signals, guard and
-seed. Controller, reference, motion and duration are the experiment's own. Its controller says which gains it finds
-(`finds_gains`) and for which bandwidth they are (`gain_scale`); the law has a key for each.
+The experiment runs on the station of the scenario with that law, and with its model, estimators, signals, guard and
+seed. Controller, reference, motion and duration are the experiment's own. Its controller lists the gains that it
+identifies (`finds_gains`) and scales them to the bandwidth of the law (`gain_scale`); the law has a key for each gain.
 """
 
 from __future__ import annotations
@@ -23,19 +23,26 @@ if TYPE_CHECKING:
     from forcectl.scenario.scenario import Scenario
 
 Experiment = Callable[[str, str | None], "Scenario"]  # name and variant -> the scenario
-_OF_THE_RUN = ("station", "model", "estimators", "signals", "guard", "seed")  # keys that the experiment takes over
+_OF_THE_RUN = (
+    "station",
+    "model",
+    "estimators",
+    "signals",
+    "guard",
+    "seed",
+)  # keys that the experiment takes from the scenario
 
 
 @dataclass(frozen=True)
 class Identification:
-    """An experiment that finds gains of a law before the run.
+    """An experiment that identifies gains of a law before the run.
 
     Attributes:
         key: dotted key of the law.
         experiment: name or path of the experiment, with its variant where one is named.
-        scenario: of the experiment, on the station of the run.
-        names: of the gains that it finds.
-        scale: what they are multiplied by, for the bandwidth of the law.
+        scenario: scenario of the experiment, on the station of the run.
+        names: names of the identified gains.
+        scale: factor that adapts the gains to the bandwidth of the law.
     """
 
     key: str
@@ -47,12 +54,12 @@ class Identification:
 
 @dataclass(frozen=True)
 class FoundGains:
-    """Gains that an experiment has found for a law.
+    """Gains that an experiment has identified for a law.
 
     Attributes:
         key: dotted key of the law.
-        experiment: that found them, with its variant where one is named.
-        values: by name, in the units of the law's keys.
+        experiment: name or path of the experiment, with its variant where one is named.
+        values: gains by name, in the units of the law's keys.
     """
 
     key: str
@@ -65,20 +72,21 @@ class FoundGains:
 
 
 def identifications(scenario: Scenario, experiment: Experiment) -> list[Identification]:
-    """What finds the gains of a scenario's laws; nothing for one whose laws have theirs.
+    """The identifications that a scenario needs; none where all laws have their gains.
 
     Args:
-        scenario: complete.
-        experiment: finds a scenario by name and variant.
+        scenario: the complete scenario.
+        experiment: gives a scenario by name and variant.
 
     Raises:
-        BadInputError: an unknown experiment, one that finds no gains, a ring of them, or gains that the law cannot use.
+        BadInputError: an unknown experiment, one that identifies no gains, experiments that refer to each other in a
+            circle, or gains that the law cannot use.
     """
     return [_identification(scenario, key, law, experiment) for key, law in _asking(scenario)]
 
 
 def with_gains(scenario: Scenario, gains: Iterable[FoundGains]) -> Scenario:
-    """A scenario whose laws have the gains found.
+    """A copy of a scenario whose laws have the identified gains.
 
     Raises:
         BadInputError: a value that the law does not allow.
@@ -93,20 +101,20 @@ def with_gains(scenario: Scenario, gains: Iterable[FoundGains]) -> Scenario:
 
 
 def text_of(scenario: Scenario) -> str:
-    """All that the log of a scenario depends on, as text; "" where an object from Python has none."""
+    """Everything that the log of a scenario depends on, as text; "" where an object from Python cannot be written."""
     tree = tree_of_fields(replace(scenario, variants={}, expect=[], fidelities=[], title="", source="", description=""))
     return dump(tree) if _is_written(tree) else ""
 
 
 def gains_lines(scenario: Scenario) -> list[str]:
-    """Lines that say which gains an experiment finds before the run."""
+    """Messages about gains that an experiment identifies before the run."""
     return [
         f"gains of {key}: {_label(law)} finds them on this station before each run" for key, law in _asking(scenario)
     ]
 
 
 def found_lines(gains: Mapping[str, Iterable[FoundGains]]) -> list[str]:
-    """Lines that say which gains were found, by variant."""
+    """Messages about the identified gains of each variant."""
     return [
         f"gains of {variant!r}: {one.key} from {one.experiment}: "
         + ", ".join(f"{name} {value:.4g}" for name, value in one.values.items())
@@ -116,19 +124,19 @@ def found_lines(gains: Mapping[str, Iterable[FoundGains]]) -> list[str]:
 
 
 def asks_for_gains(scenario: Scenario) -> bool:
-    """Whether gains have to be found before the scenario is simulated."""
+    """Whether gains must be identified before the scenario is simulated."""
     return any(True for _ in _asking(scenario))
 
 
 def _asking(scenario: Scenario) -> Iterator[tuple[str, Any]]:
-    """The laws of a scenario that ask for gains, by dotted key."""
+    """The laws of a scenario with `gains_from`, by dotted key."""
     for key, law in parts_within(scenario.controller, "controller"):
         if getattr(law, "gains_from", None) is not None:
             yield key, law
 
 
 def _identification(scenario: Scenario, key: str, law: Any, experiment: Experiment) -> Identification:
-    """What finds the gains of one law, the one at a dotted key."""
+    """The identification for the law at a dotted key."""
     found = _experiment_of(law, f"{key}.gains_from", experiment, [])
     scale = _scale(found.controller, law)
     own = replace(found, **{part: getattr(scenario, part) for part in _OF_THE_RUN})
@@ -136,7 +144,7 @@ def _identification(scenario: Scenario, key: str, law: Any, experiment: Experime
 
 
 def _experiment_of(law: Any, key: str, experiment: Experiment, chain: Sequence[str]) -> Scenario:
-    """The experiment that a law names; `chain` holds those that led there."""
+    """The experiment that a law names; `chain` holds the experiments that referred to it."""
     name, chain = str(law.gains_from), [*chain, _label(law)]
     if len({*chain}) < len(chain):
         raise BadInputError(f" = {show(name)}: must not lead back to itself: {' -> '.join(chain)}", key=key)
@@ -156,7 +164,7 @@ def _experiment_of(law: Any, key: str, experiment: Experiment, chain: Sequence[s
 
 
 def _scale(controller: Any, law: Any) -> float:
-    """What the gains that a controller finds are multiplied by for a law; either may be a class of the user's."""
+    """Factor that adapts gains from a controller to the bandwidth of a law; both may be classes of the user."""
     try:
         scale = float(controller.gain_scale(law.reference_model_bandwidth()))
     except (BadInputError, KeyboardInterrupt):
@@ -180,7 +188,7 @@ def _label(law: Any) -> str:
 
 
 def _replaced(part: Any, path: Sequence[str], changes: Mapping[str, Any]) -> Any:
-    """A copy of a part in which what is at a path has other values."""
+    """A copy of a part with changed values in the part at `path`."""
     if not path:
         return replace(part, **changes)
     name, rest = path[0], path[1:]

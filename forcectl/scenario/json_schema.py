@@ -1,7 +1,8 @@
-"""The JSON Schema (draft 2020-12) of a scenario file, made of the declarations of its keys.
+"""The JSON Schema (draft 2020-12) of a scenario file, made from the declarations of its keys.
 
-A tag is no part of JSON, so a slot may be any of what fills it: an editor offers the keys of all, and refuses those of
-none. What only makes sense in a whole scenario (keys that must be given, together or not at all) is left to the Reader.
+JSON has no tags, so a slot accepts the keys of any configuration that can fill it: an editor offers all of them, and
+refuses only keys that none has. Conditions on a whole scenario (required keys, keys that need each other) are checked
+by the Reader only.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from forcectl.scenario.scenario import Scenario
 from forcectl.scenario.schema import class_of
 
 _TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
-_INDEX = "^[0-9]+$"  # a key that stands for an element of a list, in a variant
+_INDEX = "^[0-9]+$"  # key of a list element, as in a variant
 
 Schema = dict[str, Any]
 
 
 def scenario_schema() -> Schema:
-    """The schema of a scenario file, with what installed packages register, but for `unusable_tags`."""
+    """The schema of a scenario file, with the tags of installed packages except `unusable_tags`."""
     found: Schema = {}
     root = _object(Scenario, found)
     variant = {"description": "values that replace the scenario's", "type": ["object", "null"]}
@@ -50,21 +51,21 @@ def scenario_schema() -> Schema:
 
 
 def custom_tags() -> list[str]:
-    """What the setting `yaml.customTags` of the YAML language server must list."""
+    """The tags for the setting `yaml.customTags` of the YAML language server."""
     tags = dict.fromkeys([*(tag for slot in SLOTS for tag in tags_of(slot)), IMPORT])
     return [f"!{tag} {kind}" for tag in tags for kind in ("mapping", "scalar")]
 
 
 def _define(name: str, found: Schema, make: Any) -> Schema:
-    """A reference to a definition, which is made when it is first asked for."""
+    """A reference to a definition, which is made at the first reference."""
     if name not in found:
-        found[name] = {}  # a part may hold itself
+        found[name] = {}  # ends the recursion for a part that contains parts of its own kind
         found[name] = make()
     return {"$ref": f"#/$defs/{name.replace(' ', '%20')}"}
 
 
 def unusable_tags() -> list[str]:
-    """Lines that say which tags of installed packages cannot be imported, or do not fit their slot, and why."""
+    """Messages about tags of installed packages that cannot be imported or do not fit their slot, with the reason."""
     lines = []
     for slot in SLOTS:
         for tag in announced(slot):
@@ -95,7 +96,7 @@ def _slot(slot: str, found: Schema) -> Schema:
 
 
 def _object(cls: Any, found: Schema, title: str = "") -> Schema:
-    """The keys of a configuration; none is required, for a preset or a default may give it."""
+    """The schema of a configuration. No key is required, as a preset or a default may give it."""
     keys = {field.name: _field(field, kind, found) for field, kind in typed_fields(cls)}
     text = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
     told = {"title": title or cls.__name__, "description": text}
@@ -131,7 +132,7 @@ def _value(kind: Any, declared: Key, found: Schema) -> Schema:
         return _list(_value(arguments[0], declared, found), None if nested else declared.size)
     if base is dict:
         item = _value(arguments[1], declared, found)
-        # null leaves out what a weaker layer has of that name
+        # null removes the entry of that name in weaker layers
         if declared.slot or dataclasses.is_dataclass(arguments[1]):
             item = {"anyOf": [item, {"type": "null"}]}
         return {"type": "object", "additionalProperties": item}

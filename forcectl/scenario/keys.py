@@ -1,4 +1,4 @@
-"""The keys of what fills a slot, in words: type, unit, bounds, default and meaning, as their fields declare them."""
+"""The keys of a configuration in words: type, unit, bounds, default and meaning, as its fields declare them."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class KeyWords(NamedTuple):
     """One key in words.
 
     Attributes:
-        key: with dots; those of the first entry of a list stand for all, and <name> for any name.
-        kind: what a value is.
-        unit: "" for none.
+        key: dotted key; index 0 of a list stands for all its entries, <name> for any name.
+        kind: type of the value, in words.
+        unit: unit of the value; "" for none.
         allowed: bounds or choices; "" for any value.
-        default: as it is written in a file; "" where the key must be given.
-        meaning: in words.
+        default: default as it is written in a file; "" where the key must be given.
+        meaning: description of the value.
     """
 
     key: str
@@ -39,7 +39,7 @@ class KeyWords(NamedTuple):
 
 
 def classes_of(tag: str) -> dict[str, type]:
-    """What a tag stands for, by slot; with or without the `!`.
+    """The classes that a tag, with or without the `!`, stands for, by slot.
 
     Raises:
         BadInputError: no slot has the tag.
@@ -53,7 +53,7 @@ def classes_of(tag: str) -> dict[str, type]:
 
 
 def keys_of(cls: type, prefix: str = "") -> list[KeyWords]:
-    """The keys of a configuration at a dotted key and of the parts within it; none of a class that is no dataclass."""
+    """The keys of a configuration and of the parts inside it, after the key `prefix`; none unless it is a dataclass."""
     found = []
     for field, kind in typed_fields(cls) if dataclasses.is_dataclass(cls) else ():
         declared, (inner, place), name = key_of(field), part_of(kind), join(prefix, field.name)
@@ -67,7 +67,7 @@ def keys_of(cls: type, prefix: str = "") -> list[KeyWords]:
 
 
 def part_of(kind: Any) -> tuple[type | None, str]:
-    """The configuration within a type, None for none, and the key of one below: 0 in a list, <name> in a mapping."""
+    """The configuration class in a type (or None), and the key that leads to it: 0 in a list, <name> in a mapping."""
     below: dict[Any, str] = {list: "0", dict: "<name>"}
     for each in members(kind):
         if begin := below.get(typing.get_origin(each)):
@@ -79,7 +79,7 @@ def part_of(kind: Any) -> tuple[type | None, str]:
 
 
 def kind_words(declared: Key, kind: Any) -> str:
-    """What the value of a key is, in words."""
+    """Type of the value of a key, in words."""
     if declared.slot:
         forms = {dict: "names, each with a part", list: "a list of parts"}
         return f"{forms.get(typing.get_origin(kind), 'a part')} of the slot {declared.slot}"
@@ -100,7 +100,7 @@ def is_number(kind: Any) -> bool:
 
 
 def allowed_words(declared: Key, kind: Any) -> str:
-    """Bounds, choices and size of a key, in words; of a number also the physical range."""
+    """Choices, size and bounds of a key in words; for numbers also the physical range of the unit."""
     choices = f"one of {', '.join(declared.chosen())}" if declared.chosen() else ""
     size = f"{declared.size} values" if declared.size else ""
     bounds = declared.allowed() if is_number(kind) else declared.bounds
@@ -108,9 +108,9 @@ def allowed_words(declared: Key, kind: Any) -> str:
 
 
 def default_value(field: dataclasses.Field[Any]) -> Any:
-    """The default of a field as a file would have it, with parts by their tags.
+    """The default of a field as it would be written in a file, with parts as tags.
 
-    `REQUIRED` where a key must be given, and where it is a mapping whose keys have defaults of their own.
+    It is `REQUIRED` where the key must be given, and for a configuration whose keys have their own defaults.
     """
     made, slot = default_of(field), key_of(field).slot
     if made is REQUIRED or (not slot and dataclasses.is_dataclass(made)):

@@ -1,4 +1,4 @@
-"""The layers that a scenario is made of: defaults, preset, file, variant and overrides."""
+"""The layers of a scenario: defaults, preset, file, variant and overrides."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from forcectl.scenario.trees import default_parts, default_tags, path_of
 
 ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
 _LONGEST_NAME, _MOST_VARIANTS = 200, 200  # characters; variants of a scenario
-_OF_ALL = ("variants", "expect", "fidelities")  # keys of the file, of all its variants
+_OF_ALL = ("variants", "expect", "fidelities")  # keys that hold for all variants, so that none may set them
 
-# Keys of earlier versions, and what to write instead.
+# Keys of earlier versions -> what to write instead.
 _GONE = {
     "loop": "delete it: there is one kind of loop",
     "estimator": "write estimators: {NAME: !Tag {...}}",
@@ -34,16 +34,16 @@ _GONE = {
 
 
 class Layers:
-    """The trees a scenario is made of, weakest first, each with the name that messages use.
+    """The trees that make up a scenario, weakest first, each with the name that messages use.
 
     Args:
-        file: the scenario's.
+        file: file of the scenario.
         variant: name of one of its variants.
-        overrides: by dotted key.
-        cls: the scenario's class, which has the defaults.
+        overrides: values by dotted key.
+        cls: class of the scenario, which holds the defaults.
 
     Raises:
-        BadInputError: a variant that is no mapping, or an unknown preset.
+        BadInputError: the variant is no mapping, the preset is unknown, or an override has no effect.
     """
 
     def __init__(self, file: ScenarioFile, variant: str, overrides: Mapping[str, Any], cls: type):
@@ -55,9 +55,9 @@ class Layers:
             raise invalid(key, changes, "a mapping of scenario keys").at(key, file.where(key))
         forced, varied = nest(overrides), nest(changes or {})
         self._overridden = [str(name).split(".") for name in overrides]
-        # Where a default is that only this variant does not go with.
+        # Origin of a default that conflicts with this variant only.
         self._variant = (f"variants.{variant}", f"variant {variant!r}") if varied else None
-        # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
+        # A slot without a tag has its default tag, also when a later layer changes only some of its keys.
         self._layers: list[tuple[Callable[[str], str], Tagged]] = [
             (lambda key: file.origin, default_tags(cls)),
             (file.where, file.tree),
@@ -72,7 +72,7 @@ class Layers:
         preset = catalog.find_preset(str(name), self._drive())
         preset.tree.pop("description", None)
         self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))
-        # A part that is added by its dotted key stands beside the default ones.
+        # A part that is added by its dotted key does not replace the default parts.
         for key, parts in default_parts(cls).items():
             dotted = {name for name in (*overrides, *(changes or {})) if str(name).startswith(f"{key}.")}
             whole = (nest({n: v for n, v in each.items() if n not in dotted}) for each in (changes or {}, overrides))
@@ -80,9 +80,9 @@ class Layers:
                 self._layers[0] = (self._layers[0][0], merge(self._layers[0][1], nest({key: parts})))
 
     def _check_changes(self, overrides: Mapping[str, Any]) -> None:
-        """BadInputError for an override that would be passed over, or pass over a value that is wrong."""
+        """BadInputError for an override that would have no effect, or would hide a wrong value in the file."""
         written = Tagged()
-        for _, layer in self._layers[1:-1]:  # without the defaults, of which an empty mapping leaves the parts out
+        for _, layer in self._layers[1:-1]:  # without the defaults, whose parts an empty mapping removes
             written = merge(written, layer)
         for key, value in overrides.items():
             first, *rest = parts = str(key).split(".")
@@ -99,7 +99,7 @@ class Layers:
                 raise invalid(key, value, "a mapping with keys: an empty one changes nothing").at(key, "override")
 
     def _drive(self) -> str:
-        """Tag of the drive; empty where there is none."""
+        """Tag of the drive; empty where none is found."""
         station = self.merged().get("station")
         drive = station.get("drive") if isinstance(station, Tagged) else getattr(station, "drive", None)
         if isinstance(drive, Tagged) and drive.given is None:
@@ -107,26 +107,28 @@ class Layers:
         if isinstance(drive, str):
             return drive.removeprefix("!")
         tags = {path: tag for tag, path in catalog.tags_of("drive").items()}
-        bases = map(path_of, type(getattr(drive, "given", drive)).__mro__)  # a subclass is a drive of its kind
+        bases = map(
+            path_of, type(getattr(drive, "given", drive)).__mro__
+        )  # a subclass counts as the drive it is derived from
         return next((tags[path] for path in bases if path in tags), "")
 
     def merged(self) -> Tagged:
-        """All of them, the stronger on top."""
+        """All layers merged, the stronger on top."""
         result = Tagged()
         for _, tree in self._layers:
             result = merge(result, tree)
         return result
 
     def where(self, key: str) -> str:
-        """Where the value at a dotted key is from: the strongest layer that holds it, or holds the part around it."""
+        """Origin of the value at a dotted key: the strongest layer that holds it, or else the part around it."""
         parts = key.split(".")
-        for each in self._overridden:  # of it, of what is around it, or of something in it; a whole slot is the file's
+        for each in self._overridden:  # of the key, of a part around or inside it; but a whole slot is from the file
             if parts[: len(each)] == each or (len(parts) > 1 and each[: len(parts)] == parts):
                 return "override"
         given, forced = self._layers[1:-1], self._layers[-1:]
         for length in range(len(parts), 0, -1):
-            # An override of something beside it comes last, unless only it makes the part around both.
-            for where, tree in (*reversed(given), *forced):  # a default stands where the part around it does
+            # Overrides of other keys come last: they count only where no layer but them has the part around both.
+            for where, tree in (*reversed(given), *forced):  # a default has the origin of the part around it
                 if _holds(tree, parts[:length]):
                     return where(key)
         return self._file.where(key) if self._variant is None else self._file.where(*self._variant)
@@ -135,7 +137,7 @@ class Layers:
         """BadInputError for a key of an earlier version.
 
         Args:
-            tree: of all layers.
+            tree: all layers, merged.
         """
         for gone, instead in _GONE.items():
             part, _, name = gone.rpartition(".")
@@ -156,11 +158,11 @@ def _holds(tree: Tree, parts: list[str]) -> bool:
 
 
 def check_order(overrides: Mapping[str, Any], others: Mapping[str, Any]) -> None:
-    """Refuse overrides that replace one before them, or say something else than arguments for the same keys.
+    """Refuse an override that replaces an earlier one, or contradicts an argument for the same key.
 
     Args:
-        overrides: by dotted key, in order.
-        others: of these arguments, by dotted key.
+        overrides: values by dotted key, in order.
+        others: values of arguments, by the dotted key that they set.
 
     Raises:
         BadInputError: about the key.
@@ -177,7 +179,7 @@ def check_order(overrides: Mapping[str, Any], others: Mapping[str, Any]) -> None
 
 
 def leave_out(tree: Tagged, preset: Tagged) -> None:
-    """Write null for the parts that a preset has and a complete tree has not: else the preset would add them again."""
+    """Write null for parts of a preset that a complete tree lacks: otherwise the preset would add them again."""
     for name, part in preset.items():
         if name == "description":
             continue
@@ -190,7 +192,7 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     """The variants to run: the named one, else all.
 
     Raises:
-        BadInputError: no variant of that name, or variants that are none.
+        BadInputError: there is no variant of that name, or `variants` is invalid.
     """
     if not isinstance(variant, str | None):
         raise invalid("variant", variant, "the name of a variant or None")
@@ -219,14 +221,14 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
 
 
 def check_names(kind: str, names: Iterable[str]) -> None:
-    """Refuse names that cannot be shown, or not be told apart where case and blanks do not count.
+    """Refuse names that cannot be printed, and names that differ by case and blanks only.
 
     Args:
-        kind: key of what has the names.
-        names: as written.
+        kind: key of the mapping with these names.
+        names: the names, as written.
 
     Raises:
-        BadInputError: about `kind`: there is such a name.
+        BadInputError: about `kind`.
     """
     read: dict[str, str] = {}
     for name in names:
@@ -239,25 +241,25 @@ def check_names(kind: str, names: Iterable[str]) -> None:
 
 
 def check_different(kind: str, changes: Mapping[str, Tree]) -> None:
-    """Refuse two that change the same.
+    """Refuse two entries with equal changes, such as two equal variants.
 
     Args:
-        kind: key of what has the changes.
-        changes: of each, by its name.
+        kind: key of the mapping with the changes.
+        changes: changes by the name of the entry.
 
     Raises:
-        BadInputError: about the second one.
+        BadInputError: about the second of two equal entries.
     """
     read: dict[str, str] = {}
     for name, tree in changes.items():
         items = sorted(tree.items(), key=lambda item: str(item[0])) if isinstance(tree, Tagged) else tree
-        other = read.setdefault(repr(items), name)  # of the same keys and values; tags may differ
+        other = read.setdefault(repr(items), name)  # equal keys and values; the tags may still differ
         if other != name and equal(tree, changes[other]):
             raise invalid(f"{kind}.{name}", tree, f"other values than those of {kind}.{other}")
 
 
 def locate_files(tree: Tree, folder: Path) -> None:
-    """Make paths of files and of robot and tool folders beside the scenario whole, to be found from anywhere."""
+    """Make relative paths of files, and of robot and tool folders, beside the scenario absolute."""
     folder = folder.absolute()
     station = tree.get("station") if isinstance(tree, Tagged) else None
     if isinstance(station, Tagged):

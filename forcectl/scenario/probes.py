@@ -1,4 +1,4 @@
-"""The outputs that the part `log` of a scenario names."""
+"""The output ports that the key `log` of a scenario names."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from forcectl.inspect.wiring import Wiring
 
 
 def probes_of(diagram: Diagram, names: Sequence[str], workcell: Workcell) -> tuple[Probe, ...]:
-    """The ports that are logged beside the signals of a loop.
+    """The ports that are logged in addition to the signals of a loop.
 
     Args:
-        diagram: of the loop.
-        names: as `forcectl graph` shows them, `station/force_sensor.measured_wrench`.
-        workcell: of the loop.
+        diagram: diagram of the loop.
+        names: names of ports as in `forcectl graph`, such as `station/force_sensor.measured_wrench`.
+        workcell: workcell of the loop.
 
     Raises:
-        BadInputError: there is no output of a name, or it holds no numbers.
+        BadInputError: there is no output of that name, or it holds no numbers.
     """
     wiring, probes = Wiring(diagram), []
     for i, name in enumerate(names):

@@ -1,7 +1,7 @@
 """Scenarios: what is simulated, in which variants, and what is expected of it.
 
-A scenario's values come from, later wins: the defaults of the dataclasses, the plant preset, the scenario file, the
-variant, overrides (`--set` on the command line).
+The values of a scenario come from these layers, of which a later one wins: defaults of the dataclasses, plant preset,
+scenario file, variant, overrides (`--set` on the command line).
 """
 
 from __future__ import annotations
@@ -51,49 +51,51 @@ if TYPE_CHECKING:
 
 FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
 LARGEST_CONTACT_FORCE = 2000.0  # [N] above it a run without a force sensor diverges
-_AS_WRITTEN = {"seed", "station.fidelity"}  # overrides with which a scenario still is about the same
+_AS_WRITTEN = {"seed", "station.fidelity"}  # overrides after which its checks and expectations still apply
 
 
 @dataclass(kw_only=True, repr=False)
 class Scenario(Config):
-    """One simulation, complete: a scenario file after presets, one variant and overrides."""
+    """One complete simulation: a scenario file with its preset, one variant and all overrides applied."""
 
-    title: str = key("", "heading of tables and figures")
-    source: str = key("", "figure or table of the thesis")
-    description: str = key("", "what is to be seen")
-    preset: str = key(catalog.DEFAULT_PRESET, "name of a file in experiments/presets")
+    title: str = key("", "title of the scenario, the heading of tables and figures")
+    source: str = key("", "figure or table of the thesis that the scenario reproduces")
+    description: str = key("", "text that says what the scenario shows")
+    preset: str = key(catalog.DEFAULT_PRESET, "preset of the plant: name of a file in experiments/presets")
     station: StationConfig = key(StationConfig, "robot, drives, environment and sensors")
-    model: ModelConfig = key(ModelConfig, "how the model of the plant differs from it")
-    estimators: dict[str, Any] = slot("estimator", dict, meaning="by name")
-    controller: Any = slot("controller", IntegralConfig, meaning="force law, or controller of joints")
-    guard: GuardConfig | None = key(GuardConfig, "around the controller; null: there is none")
-    reference: Any = slot("reference", StepConfig, meaning="of the force")
+    model: ModelConfig = key(ModelConfig, "differences between the plant and the model that controllers use")
+    estimators: dict[str, Any] = slot("estimator", dict, meaning="force and torque estimators, by name")
+    controller: Any = slot("controller", IntegralConfig, meaning="force law, or a controller of joint motion")
+    guard: GuardConfig | None = key(GuardConfig, "safety guard around the controller; null: no guard")
+    reference: Any = slot("reference", StepConfig, meaning="desired force over time")
     motion: Any = slot("motion", TangentialMotionConfig, meaning="motion in the unconstrained directions")
-    signals: dict[str, Any] = slot("signal", dict, meaning="choices and projections, by the name of the signal")
-    analyses: dict[str, Any] = slot("analysis", dict, meaning="further metrics and figures, by name")
-    findings: FindingsConfig = key(FindingsConfig, "from where on something is worth a word after the run")
-    log: list[str] = key([], "further outputs to log, by path, such as station/force_sensor.measured_force")
+    signals: dict[str, Any] = slot("signal", dict, meaning="sources of signals of the loop, by the name of the signal")
+    analyses: dict[str, Any] = slot("analysis", dict, meaning="further metrics and figures of a run, by name")
+    findings: FindingsConfig = key(FindingsConfig, "thresholds of what is reported after a run")
+    log: list[str] = key([], "further output ports to log, by path, such as station/force_sensor.measured_force")
     duration: float = key(5.0, "simulated time", unit="s", bounds=f"positive, at most {LONGEST_DURATION:g}")
     after_end: float | None = key(
         None,
-        "for which a run goes on after its state machine ended; null: up to the duration",
+        "time that a run continues after the end of its state machine; null: up to the duration",
         unit="s",
         bounds="not negative",
     )
-    seed: int = key(0, "of every random number in the run", bounds="from 0 to 9223372036854775807")
-    reference_model: float | None = key(None, "of M(s); null: the controller's own", unit="rad/s", bounds="positive")
+    seed: int = key(0, "seed of all random numbers of a run", bounds="from 0 to 9223372036854775807")
+    reference_model: float | None = key(
+        None, "bandwidth of the reference model M(s); null: the controller's", unit="rad/s", bounds="positive"
+    )
     model_error_window: float = key(
-        4.1, "time T_w of the metric model_error_sd_N", unit="s", bounds="above 0 and at most 1000"
+        4.1, "time window T_w of the metric model_error_sd_N", unit="s", bounds="above 0 and at most 1000"
     )
-    variants: dict[str, Any] = key({}, "values that replace the scenario's, by the name of the variant")
+    variants: dict[str, Any] = key({}, "values that a variant changes, by the name of the variant")
     fidelities: list[str] = key(
-        [], "that `reproduce` runs; empty: the station's own", choices=lambda: catalog.tags_of("fidelity")
+        [], "fidelities that `reproduce` runs; empty: only the station's", choices=lambda: catalog.tags_of("fidelity")
     )
-    expect: list[Expectation] = key([], "what is expected of the metrics")
+    expect: list[Expectation] = key([], "required values of the metrics")
 
-    imports = Imports()  # what it may name, and what it names may: no key
-    judged = Judged()  # metrics that are expected of it
-    as_written = False  # whether no override changes what it is about
+    imports = Imports()  # modules that it, and the scenarios it names, may import; no key
+    judged = Judged()  # metrics for which `expect` has a line
+    as_written = False  # whether it is free of overrides, those of `_AS_WRITTEN` aside
 
     def __repr__(self) -> str:
         controller = to_tree(self.controller, "controller")
@@ -110,11 +112,11 @@ class Scenario(Config):
 
     @property
     def parts(self) -> LoopParts:
-        """What the loop is made of."""
+        """The configurations of the loop's parts."""
         return LoopParts(**{part.name: getattr(self, part.name) for part in fields(LoopParts)})
 
     def build(self) -> Loop:
-        """The loop as a diagram."""
+        """The loop, with its Drake diagram."""
         loop = build_loop(self.parts)
         if self.reference_model and "desired_force" not in loop.signals:
             raise invalid("reference_model", self.reference_model, "left out where nothing takes a desired force")
@@ -124,22 +126,22 @@ class Scenario(Config):
         return replace(loop, probes=(*loop.probes, *probes))
 
     def experiment(self, name: str, variant: str | None) -> Scenario:
-        """The experiment that a law names in `gains_from`, without following what that one names."""
+        """The experiment that a law names in `gains_from`; one that this experiment names in turn is not followed."""
         file = as_file(name)
         return _resolved(file, select_variants(file, variant)[0], imports=self.imports)[0]
 
     def setting(self) -> Setting:
-        """What analyses are given beside the log."""
+        """What analyses get in addition to the log."""
         return self.parts.setting()
 
     def limits(self) -> dict[str, float]:
-        """Largest absolute values of a healthy run, by signal."""
+        """Largest absolute values, by signal, beyond which a run is stopped as diverging."""
         ranges = [FORCE_LIMIT * each.range for each in self.station.sensors.values() if hasattr(each, "range")]
         largest = min(ranges, default=LARGEST_CONTACT_FORCE)
         return {"contact_force": largest, "arm_contact_force": LARGEST_CONTACT_FORCE}
 
     def model_bandwidth(self, of_controller: float | None) -> float | None:
-        """Bandwidth of the reference model [rad/s], else that of the controller; None without one."""
+        """Bandwidth of the reference model [rad/s], by default that of the controller; None where neither has one."""
         return self.reference_model or of_controller or None
 
     def metrics(self, log: xr.Dataset, setting: Setting) -> dict[str, float | None]:
@@ -170,7 +172,7 @@ class Scenario(Config):
         Args:
             log: over time, or over (variant, time).
             title: heading.
-            findings: of every variant, to be marked.
+            findings: findings of every variant, which are marked in the figures.
         """
         allowed = [one for line in self.expect if (one := line.allowed(self.fidelity)) is not None]
         figures = run_figures(log, title, findings or {}, allowed, self.motion.interval())
@@ -180,7 +182,7 @@ class Scenario(Config):
         return figures
 
     def asked(self, name: str, method: str, log: xr.Dataset, *arguments: Any, kind: Any = Mapping) -> Any:
-        """What a method of an analysis answers; RunFailedError if one of the user's raises or gives another kind."""
+        """The result of a method of an analysis; RunFailedError where it raises or returns another type than `kind`."""
         try:
             found = getattr(self.analyses[name], method)(read_only(log), *arguments)
         except KeyboardInterrupt:
@@ -194,7 +196,7 @@ class Scenario(Config):
 
 
 Named = str | Path | Mapping[str, Any] | Scenario | ScenarioFile  # what names or holds a scenario
-ONE_SCENARIO = (str, Path, Mapping, Scenario, ScenarioFile)  # the same, to ask for
+ONE_SCENARIO = (str, Path, Mapping, Scenario, ScenarioFile)  # the same, for isinstance
 
 
 def load_scenario(
@@ -206,18 +208,18 @@ def load_scenario(
     fidelity: str | None = None,
     allow_imports: Sequence[str] = (),
 ) -> Scenario:
-    """One scenario, complete.
+    """Load one complete scenario.
 
     Args:
         scenario: name of a shipped experiment, path of a YAML file, the same content as a mapping, or a `Scenario`.
         variant: name of the variant; None: the first.
-        overrides: dotted key -> value, on top of everything; a value may be a config object.
-        seed: short for the override of `seed`.
-        fidelity: short for that of `station.fidelity`.
-        allow_imports: names of modules that it may name beside those in its folder, see docs/security.md.
+        overrides: dotted key -> value, stronger than all other layers; a value may be a config object.
+        seed: shorthand for an override of `seed`.
+        fidelity: shorthand for an override of `station.fidelity`.
+        allow_imports: modules that it may import in addition to those in its folder, see docs/security.md.
 
     Raises:
-        BadInputError: anything in it that cannot be used.
+        BadInputError: something in it cannot be used.
     """
     return _loaded(as_file(scenario, allow_imports), variant, with_shortcuts(overrides, seed, fidelity))[0]
 
@@ -225,16 +227,16 @@ def load_scenario(
 def _loaded(
     file: ScenarioFile, variant: str | None, changes: Mapping[str, Any]
 ) -> tuple[Scenario, Callable[[str], str]]:
-    """One scenario, and where each of its keys is from."""
+    """One scenario, and a function that gives the origin of each of its keys."""
     name = select_variants(file, variant)[0]
     return resolve(file, name, changes), origins(file, name, changes)
 
 
 def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fidelity: str | None) -> dict[str, Any]:
-    """Overrides with the values that have an argument of their own.
+    """Overrides, together with the values that have an argument of their own.
 
     Raises:
-        BadInputError: overrides that are no mapping, or say something else than these.
+        BadInputError: overrides are no mapping, or contradict these arguments.
     """
     if not isinstance(overrides, Mapping | None):
         raise invalid("overrides", overrides, "a mapping of dotted keys to values")
@@ -245,12 +247,12 @@ def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fideli
 
 
 def as_file(scenario: Named, allow_imports: Sequence[str] = (), modules: Path | None = None) -> ScenarioFile:
-    """Whatever names or holds a scenario, as the file it would be; what has no folder is in the working directory.
+    """Anything that names or holds a scenario as a `ScenarioFile`; without a folder it is in the working directory.
 
     Args:
         scenario: see `load_scenario`.
-        allow_imports: names of modules that it may name, beside those that the user's settings allow.
-        modules: folder whose modules it may name; None, and of a shipped one: as without.
+        allow_imports: modules that it may import in addition to those in the user's settings.
+        modules: folder whose modules it may import; None: its own folder. Ignored for a shipped scenario.
 
     Raises:
         BadInputError: there is no such scenario, or no such module.
@@ -282,7 +284,7 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
     """The scenario of one variant, with preset and overrides applied.
 
     Raises:
-        BadInputError: names file or option, dotted key, value and what is allowed.
+        BadInputError: with file or option, dotted key, value and what is allowed.
     """
     scenario, where = _resolved(file, variant, overrides)
     try:
@@ -295,13 +297,13 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
 def _resolved(
     file: ScenarioFile, variant: str, overrides: Mapping[str, Any] | None = None, imports: Imports | None = None
 ) -> tuple[Scenario, Callable[[str], str]]:
-    """What `resolve` makes, whatever experiment it names, and where each of its keys is from.
+    """What `resolve` makes, but with experiments in `gains_from` unchecked, and a function for the origin of each key.
 
     Args:
         file: the scenario's.
         variant: name of one of its variants.
         overrides: by dotted key.
-        imports: what it may name; None: what its place allows.
+        imports: what it may import; None: what its folder allows.
     """
     imports = imports or file.allowed
     layers = Layers(file, variant, overrides or {}, Scenario)
@@ -335,12 +337,12 @@ def build(
 
     Args:
         scenario: name of a shipped experiment, path of a YAML file, its content as a mapping, or a `Scenario`.
-        where: says for a dotted key of a `Scenario` where its value came from, see `origins`.
+        where: gives the origin of the value at a dotted key of a `Scenario`, see `origins`.
         variant, overrides, seed, fidelity, allow_imports: see `load_scenario`.
 
     Raises:
-        BadInputError: anything in it that cannot be used; values that are fine one by one but do not fit together, or
-            a part of the user's that raises.
+        BadInputError: something in it cannot be used, values do not fit together although each is allowed, or a part
+            of the user's raises.
     """
     changes = with_shortcuts(overrides, seed, fidelity)
     if not isinstance(scenario, Scenario) or variant is not None or changes:
@@ -350,8 +352,8 @@ def build(
         return scenario.build()
     except BadInputError as error:
         raise located(scenario, error, where) from error.__cause__
-    # What no check of ours foresaw: Drake refuses with a RuntimeError, its failed preconditions arrive as SystemExit,
-    # a delay line of years does not fit into memory, and a part of the user's may raise anything.
+    # Errors that no check anticipates: Drake raises RuntimeError, and SystemExit for failed preconditions; a delay line
+    # of years does not fit into memory; a part of the user's may raise anything.
     except KeyboardInterrupt:
         raise
     except BaseException as error:
@@ -359,7 +361,7 @@ def build(
         kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
         reason = " ".join(str(error).split())[:300]
         origin = where(key) or f"scenario {scenario.title!r}"
-        from forcectl.doctor.loops import loop_behind  # takes a while
+        from forcectl.doctor.loops import loop_behind  # a slow import
 
         fault = loop_behind(error) or BadInputError(f"cannot be built: {kind}{reason}{place_in_code(error)}")
         raise fault.at(key, origin) from error
@@ -368,15 +370,15 @@ def build(
 def origins(
     file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None
 ) -> Callable[[str], str]:
-    """What says for a dotted key of the scenario that `resolve` makes of the same which file and line it is from."""
+    """A function that gives file and line of a dotted key, for the scenario that `resolve` makes of these arguments."""
     return Layers(file, variant, overrides or {}, Scenario).where
 
 
 def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
-    """One tree that holds all variants in full: the first one, and what the others change.
+    """One tree with all variants: the first one in full, and what the others change.
 
-    Presets and defaults are written out, so that the tree means the same when they change later; a part of the preset
-    that a scenario has not is null.
+    Presets and defaults are written out, so that later changes of them do not affect the tree. A part of the preset
+    that a scenario does not have is written as null.
     """
     names = list(scenarios)
     trees = {name: tree_of_fields(scenario) for name, scenario in scenarios.items()}

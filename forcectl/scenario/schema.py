@@ -1,4 +1,4 @@
-"""From a tree to the dataclasses of a scenario, whose slots are filled by tags. The way back: `trees`."""
+"""From a tree to the dataclasses of a scenario, whose slots are filled by tags; `trees` does the reverse."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class ScenarioReader(Reader):
     """Builds dataclasses with slots from trees.
 
     Args:
-        where: as of `Reader`.
-        imports: what `!Import` may name.
+        where: see `Reader`.
+        imports: modules that `!Import` may name.
     """
 
     def __init__(self, where: Callable[[str], str] = lambda key: "", imports: Imports | None = None):
@@ -48,7 +48,7 @@ class ScenarioReader(Reader):
             slot: a key of the catalog's `SLOTS`.
             tree: a tagged mapping, a tag as text, an object, or changes of `start`.
             key: dotted key, for messages.
-            start: what fills the slot where the tree does not say; None: the default of the slot.
+            start: object that fills the slot where the tree gives none; None: the default of the slot.
 
         Raises:
             BadInputError: an unknown tag, or an object that does not fit.
@@ -87,13 +87,13 @@ class ScenarioReader(Reader):
         return self._made(cls, parameters, join(key, "parameters"))
 
     def _made(self, cls: type, tree: Tagged, key: str, start: Any = None) -> Any:
-        """An object of a class that fills a slot; one that is no dataclass takes the keys as arguments."""
+        """An object of a class that fills a slot; a class that is no dataclass gets the keys as arguments."""
         if dataclasses.is_dataclass(cls):
             return self.part(cls, tree, key, start)
         return self.construct(cls, tree, key)
 
     def field(self, field: dataclasses.Field[Any], kind: Any, tree: Tree, key: str, start: Any) -> Any:
-        """`tree` as the value of a field, or what fills the slot that it is."""
+        """`tree` as the value of a field; for a slot, as the part or parts that fill it."""
         slot, form = key_of(field).slot, typing.get_origin(kind)
         if not slot:
             return super().field(field, kind, tree, key, start)
@@ -106,7 +106,7 @@ class ScenarioReader(Reader):
         return [self.filler(slot, part, f"{key}.{i}") for i, part in enumerate(tree)]
 
     def _named(self, slot: str, tree: Tree, key: str, start: Any) -> dict[str, Any]:
-        """Parts with names; without a tag one is that of the same name in `start`."""
+        """Named parts; a part without a tag changes the part of the same name in `start`."""
         known = start if isinstance(start, dict) else {}
         found = {}
         for name, part in named(tree, key, "a mapping of names to parts").items():

@@ -17,12 +17,12 @@ from forcectl.scenario.schema import loaded_object
 
 
 def to_tree(value: Any, slot: str = "", kind: Any = None) -> Tree:
-    """The tree that a `Reader` turns back into `value`: every field written out, tags where there is a choice.
+    """The tree that a `Reader` turns back into `value`, with every field written out, and tags in slots.
 
     Args:
-        value: of a field.
-        slot: that it, or each part in it, fills; "" for none.
-        kind: the class of the field, when that is a dataclass. An object of another class gets the tag `!Import`.
+        value: value of a field.
+        slot: slot that it, or each part in it, fills; "" for none.
+        kind: class of the field, where that is a dataclass. An object of another class gets the tag `!Import`.
     """
     if is_object(value) and not dataclasses.is_dataclass(value):
         return Tagged({"path": path_of(type(value)), "repr": show(value)}, IMPORT)
@@ -40,12 +40,12 @@ def to_tree(value: Any, slot: str = "", kind: Any = None) -> Tree:
 
 
 def _tag_in(table: dict[str, str], cls: type) -> str | None:
-    """The tag of a class. What is not loaded is not its class: no package is imported to be compared with it."""
+    """The tag of a class in a table. Only loaded modules are compared with it, so nothing is imported."""
     return next((tag for tag, path in table.items() if loaded_object(path) is cls), None)
 
 
 def part_tree(value: Any) -> Tree:
-    """The tree of a value whose place is not known: a configuration has the tag of the slot that its class fills."""
+    """The tree of a value in an unknown place: a configuration gets the tag of the slot that its class fills."""
     path = path_of(type(value))
     return to_tree(value, next((slot for slot, table in SLOTS.items() if path in table.values()), ""))
 

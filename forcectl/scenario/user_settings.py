@@ -1,4 +1,4 @@
-"""What a user has set for all scenarios: `settings.yaml` in the folder `forcectl` of the user's configuration files.
+"""Settings of a user for all scenarios: `settings.yaml` in the folder `forcectl` of the user's configuration files.
 
 That is `$XDG_CONFIG_HOME/forcectl/settings.yaml`, and `~/.config/forcectl/settings.yaml` where the variable is not set.
 """
@@ -17,9 +17,9 @@ from forcectl.framework.yaml_tree import Tagged, parse, place
 
 @dataclass(kw_only=True)
 class UserSettings(Config):
-    """The keys of the file."""
+    """The keys of `settings.yaml`."""
 
-    allow_imports: list[str] = key([], "modules that scenarios may name, as with --allow-imports")
+    allow_imports: list[str] = key([], "modules that every scenario may import, as with --allow-imports")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -27,10 +27,10 @@ class UserSettings(Config):
 
 
 def user_settings() -> UserSettings:
-    """What the user has set; the defaults where there is no file.
+    """The user's settings; the defaults where there is no file.
 
     Raises:
-        BadInputError: the file cannot be read, or holds what it may not.
+        BadInputError: the file cannot be read, or holds an unknown key or a wrong value.
     """
     file = settings_file()
     if not file.is_file():

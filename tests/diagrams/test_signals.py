@@ -200,7 +200,10 @@ def test_a_load_on_the_elbow_is_no_load_on_the_tool():
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"signals": {}}, "controller wants measured_force (force of each surface on the tool along its normal)"),
+        (
+            {"signals": {}},
+            "controller wants measured_force (measured force of each surface on the tool along its normal)",
+        ),
         ({"estimators": {}}, "signals.measured_force wants estimated_wrench"),
         (
             {"signals": {"measured_force": parse("!Projection {of: motor_torque}", "f")}},

@@ -1,1 +1,1 @@
-"""What a scenario is looked at for before it runs, beside what each of its parts must be by itself."""
+"""Checks of a scenario before it runs, beyond those of each part by itself."""

@@ -1,4 +1,4 @@
-"""Keys of drives, joints, loads and the guard that change nothing where others are as they are."""
+"""Checks of drives, joints, loads and the guard: keys that have no effect beside the values of other keys."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from forcectl.scenario.checks.values import configs
 if TYPE_CHECKING:
     from forcectl.scenario.scenario import Scenario
 
-_NOTHING = 1e-4  # [Nm, N] of loads together
-_RELAXED = 1.0  # [s] damping over stiffness of a surface: rubber has some 0.1 s
+_NOTHING = 1e-4  # [Nm, N] sum of loads that counts as zero
+_RELAXED = 1.0  # [s] largest damping over stiffness of a surface; rubber has about 0.1 s
 
 
 def check_effects(scenario: Scenario) -> None:
-    """Refuse keys of drives and joints that change nothing; nothing is built.
+    """Refuse keys that have no effect, or values that contradict each other; no diagram is built.
 
     Args:
-        scenario: as read.
+        scenario: the scenario, as read.
 
     Raises:
         BadInputError: about the key.
@@ -52,7 +52,7 @@ def check_effects(scenario: Scenario) -> None:
 
 
 def _check_pressed(scenario: Scenario) -> None:
-    """What modes press with is below the force that the guard stops at."""
+    """Refuse a guard that stops at a force with which a mode of the controller presses."""
     maximum = None if scenario.guard is None else scenario.guard.maximum_force
     for key, part in configs(scenario.controller, "controller") if maximum is not None else ():
         if getattr(part, "comply", False) is True and (force := abs(getattr(part, "force", 0.0))) >= maximum:
@@ -60,7 +60,7 @@ def _check_pressed(scenario: Scenario) -> None:
 
 
 def _check_loads(loads: Sequence[Any]) -> None:
-    """Loads at one place do not cancel each other all the time."""
+    """Refuse loads at one place that cancel each other at all times."""
     places: dict[tuple[str, str], list[int]] = {}
     for i, load in enumerate(loads):
         if hasattr(load, "edges"):

@@ -1,4 +1,4 @@
-"""Forces of a scenario beside each other, the sensor's range, the way to them, and what the motors hold."""
+"""Checks of forces against each other, the sensor's range, the command limits, and the torques of the motors."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _RATES = (
     "observer_bandwidth",
     "adaptation_rate",
     "reference_bandwidth",
-)  # of a law, with which its command changes
-_FAR = 10.0  # times the torque of a motor
-_LEAST_SHARE = 0.1  # of the desired force, that a governor may keep it below; less is a slip of the unit
-_DEEPEST = 0.3  # [m] into the surface; most laws stop at 0.1, which is a finding of the run
-_LEAST_WAY = 0.01  # of the way to the desired force, that a command may go; less is a slip of the unit
+)  # keys of a force law that set how fast its command changes
+_FAR = 10.0  # multiple of the motor torque from which on a load is taken for an error of the unit
+_LEAST_SHARE = 0.1  # smallest upper_force of a governor over the desired force; less is an error of the unit
+_DEEPEST = 0.3  # [m] displacement into the surface; most laws stop at 0.1, which is a finding of the run
+_LEAST_WAY = 0.01  # smallest command limit over the displacement needed; less is an error of the unit
 
 
 def check_forces(scenario: Scenario, period: float) -> None:
-    """Forces of a scenario whose controller takes a desired force, and its laws at this tick [s]."""
+    """Check the forces of a scenario whose controller takes a desired force, and its laws at the tick `period` [s]."""
     ranges = [sensor.range for sensor in scenario.station.sensors.values() if hasattr(sensor, "range")]
     limit, largest = min(ranges, default=np.inf), scenario.reference.largest_force()
     if not 0 <= largest < np.inf:
@@ -94,7 +94,7 @@ def check_forces(scenario: Scenario, period: float) -> None:
 
 
 def check_held(scenario: Scenario, loop: Loop) -> None:
-    """Loads at the start are not far beyond what the motors hold: that would be a slip of the unit, and no push."""
+    """Refuse loads far beyond the motor torques at the start posture: most likely an error of the unit."""
     robot, start = loop.workcell.robot, loop.workcell.start
     for i, load in enumerate(scenario.station.loads):
         for k, wrench in enumerate(getattr(load, "wrenches", ())):
@@ -108,7 +108,7 @@ def check_held(scenario: Scenario, loop: Loop) -> None:
 
 
 def _check_rate(key: str, law: Any, period: float) -> None:
-    """In a tick a law goes less than twice as far as it is away: its loop would not settle."""
+    """Refuse rates of 2/`period` and above: an update would overshoot by the whole error, and never settle."""
     for name, field, value in own_values(law, key, "1/s", "rad/s"):
         if field.name in _RATES and value * period >= 2:
             allowed = f"below {2 / period:g} {key_of(field).unit}, two over the control tick of {period:g} s"
@@ -116,7 +116,7 @@ def _check_rate(key: str, law: Any, period: float) -> None:
 
 
 def _check_reach(scenario: Scenario) -> None:
-    """A level surface at rest is reached from the start, by a tool that nothing else moves."""
+    """Refuse a level surface at rest that the tool cannot reach from the start, where only the controller moves it."""
     surface: Any = getattr(scenario.station.environment, "surface", None)
     controller = scenario.controller
     gap = getattr(surface, "gap", 0.0)
@@ -133,9 +133,9 @@ def _check_reach(scenario: Scenario) -> None:
 
 
 def check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
-    """The largest desired force has its way into the softest material within the limit of the command.
+    """Refuse a desired force whose displacement into the softest material exceeds the limit of the command.
 
-    A limit that is nearer than `_DEEPEST` is one on purpose. Of several laws the deepest limit counts.
+    Limits below `_DEEPEST` count as `_DEEPEST`: they may be set on purpose. Of several laws the largest limit counts.
     """
     every = list(values(scenario.controller, "controller", "m"))
     limits = [-value for _, field, value in every if field.name == "lower_limit"]
@@ -150,7 +150,7 @@ def check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
         key, value = next((key, value) for key, field, value in every if field.name == "lower_limit")
         allowed = f"at most {-least:.2g} m, a hundredth of the way to the largest desired force, {largest:g} N"
         raise invalid(key, value, allowed)
-    guarded = hasattr(scenario.controller, "touch_speed")  # its law begins at the surface
+    guarded = hasattr(scenario.controller, "touch_speed")  # its force law starts at the surface
     for contact in contacts:
         environment = contact.environment
         if not hasattr(environment, "first_stiffness"):

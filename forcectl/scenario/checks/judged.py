@@ -1,4 +1,4 @@
-"""What a scenario expects: metrics that its runs have, at fidelities that there are."""
+"""Checks of `expect`: the metrics must exist in the runs of the scenario, and the fidelities must be known."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ _PARTS = re.compile(r"(?:(?!step_\d)(.+?)\.)?(?:step_(\d+)\.)?([^.]+)")
 
 
 def metric_parts(name: str) -> tuple[str, int | None, str]:
-    """Of a metric: arm, joint, mode or surface, "" for none; number of a step, None for none; its own name."""
+    """Parts of a metric's name: arm, joint, mode or surface ("" for none), number of a step (or None), own name."""
     front, number, last = _PARTS.fullmatch(name).groups()  # type: ignore[union-attr]
     return front or "", None if number is None else int(number), last
 
 
 def check_judged(scenario: Scenario, loop: Loop) -> None:
-    """Refuse expected metrics that no run of a scenario has. Analyses of one's own may put out any.
+    """Refuse expected metrics that no run of the scenario has. A user's own analyses may return any metric.
 
     Args:
-        scenario: as read.
-        loop: its loop.
+        scenario: the scenario, as read.
+        loop: the loop built from it.
 
     Raises:
         BadInputError: about the metric.
@@ -76,7 +76,7 @@ def check_judged(scenario: Scenario, loop: Loop) -> None:
 
 
 def _check_within_reach(scenario: Scenario, key: str, name: str) -> None:
-    """A line of `expect` asks for no time beyond the run, and no force at which it is stopped."""
+    """Refuse a line of `expect` that needs a time beyond the run, or a force at which the run is stopped."""
     place, _, term = key.removeprefix("expect.").partition(".")
     line = scenario.expect[int(place)]
     asked = line.allowed(scenario.fidelity) if term == "metric" else None
@@ -89,7 +89,7 @@ def _check_within_reach(scenario: Scenario, key: str, name: str) -> None:
 
 
 def check_expectations(scenario: Scenario) -> None:
-    """Lines have names of their own and speak of fidelities that there are."""
+    """Refuse lines of `expect` with equal names, and unknown fidelities."""
     check_distinct("fidelities", scenario.fidelities)
     targets: set[str] = set()
     for i, line in enumerate(scenario.expect):

@@ -1,4 +1,4 @@
-"""Surfaces beside their materials and the motion along them, and on which side of them the tool is."""
+"""Checks of surfaces against their materials and the motion along them, and of the side that the tool is on."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
     from forcectl.plant.contact.surface_moves import SurfaceMoveConfig
     from forcectl.scenario.scenario import Scenario
 
-_OF_MATERIALS = ("stiffness", "damping")  # keys of an environment that its materials stand for
-_ACROSS = 1e-3  # cosine of the angle between motion and path, of a motion that goes across it
-_BESIDE = 0.01  # [m] beyond a motion, where the ball of the tool may meet something
-_EVEN = 1e-7  # [m] of heights: 0.1 N on 1e6 N/m
-_USUAL = [1.0, 0.0, 0.0]  # default direction, which means nothing where nothing goes along it
-_ALONG = 0.9  # cosine of the angle from the tool's axis to the normal
-_PARALLEL = 1e-3  # sine of the angle
+_OF_MATERIALS = ("stiffness", "damping")  # keys of an environment that its materials replace
+_ACROSS = 1e-3  # cosine of the angle between motion and path below which the motion is across the path
+_BESIDE = 0.01  # [m] beyond the ends of a motion that the spherical tip of the tool may still touch
+_EVEN = 1e-7  # [m] largest variation of heights that counts as level: 0.1 N on 1e6 N/m
+_USUAL = [1.0, 0.0, 0.0]  # default direction, accepted where nothing moves along it
+_ALONG = 0.9  # cosine of the angle from the tool's axis to the normal above which the tool is inside
+_PARALLEL = 1e-3  # sine of the angle below which two directions count as parallel
 
 
 def check_surfaces(scenario: Scenario, loop: Loop) -> None:
-    """Refuse faults of no sensor, and of a surface: keys beside its materials, heights that nothing takes, fast moves.
+    """Refuse faults without a sensor, and surfaces with unused keys, heights off the path, or moves too fast to guard.
 
     Args:
-        scenario: as read.
-        loop: its loop.
+        scenario: the scenario, as read.
+        loop: the loop built from it.
 
     Raises:
         BadInputError: about the key.
@@ -69,7 +69,7 @@ def check_surfaces(scenario: Scenario, loop: Loop) -> None:
 
 
 def _check_closing(scenario: Scenario, loop: Loop, index: int, moves: Sequence[SurfaceMoveConfig]) -> None:
-    """A surface that comes closer leaves the guard time to act."""
+    """Refuse a surface that approaches so fast that the guard has no time to act."""
     if scenario.guard is None or "desired_force" not in loop.signals:
         return
     truth, links = loop.setting.truth.loop(index), loop.workcell.has_dynamics
@@ -80,7 +80,7 @@ def _check_closing(scenario: Scenario, loop: Loop, index: int, moves: Sequence[S
 
 
 def _check_met(motion: Any, contact: Contact) -> None:
-    """The tool goes along the path of its surface, and each of the heights varies where it goes, or close to that."""
+    """Refuse a motion across the path of its surface, and heights that do not vary along or close to the motion."""
     surface: Any = contact.surface
     along = float(unit_normal(motion.direction) @ surface.direction_across(contact.n))
     several = surface.materials is not None and len(surface.materials.segments) > 1
@@ -98,7 +98,7 @@ def _check_met(motion: Any, contact: Contact) -> None:
 
 
 def _check_materials(scenario: Scenario, environment: Any) -> None:
-    """Beside materials only a preset says what one material would be."""
+    """Refuse stiffness or damping beside materials, which replace them; values of the preset are ignored."""
     usual = preset_tree(scenario).get("station", {}).get("environment", {})
     for field in fields(environment):
         value = getattr(environment, field.name)
@@ -107,7 +107,7 @@ def _check_materials(scenario: Scenario, environment: Any) -> None:
 
 
 def check_directions(scenario: Scenario) -> None:
-    """No path goes along the normal of the surface that it is on."""
+    """Refuse a path or a motion along the normal of its surface."""
     normals = {}
     for key, part in configs(scenario.station.environment, "station.environment"):
         if hasattr(part, "normal"):
@@ -130,7 +130,7 @@ def _check_across(key: str, direction: Sequence[float], normal: Sequence[float],
 
 
 def check_sides(scenario: Scenario, workcell: Workcell) -> None:
-    """The tool is outside of a surface: the z axis of its TCP goes out of it, not along the outward normal."""
+    """Refuse a tool inside a surface: the z axis of its TCP must not point along the outward normal."""
     for contact in workcell.contacts:
         environment = contact.environment
         if not hasattr(environment, "first_stiffness"):

@@ -1,4 +1,4 @@
-"""Times and frequencies of a scenario beside its duration and its control tick."""
+"""Checks of times and frequencies against the duration and the control tick."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from forcectl.scenario.scenario import Scenario
 
 LONGEST_DURATION = 86_400.0  # [s]
-# Keys that hold when something begins [s].
+# Keys with the time at which something begins [s].
 _STARTS = ("start", "start_time", "tare_start", "time", "times", "released_at")
-# Keys of what takes a while to begin [s].
+# Keys with a time that must pass before something has an effect [s]; the run must be longer.
 _LASTS = {
     "controller": ("hold", "ramp"),
     "station": ("delay", "posture_period"),
@@ -26,19 +26,24 @@ _LASTS = {
     "analyses": ("begin", "deadline"),
     "findings": ("bounce", "saturated", "stuck"),
 }
-_LATEST = 0.999  # of the run, that something may begin at
-_OUTLASTS = 20  # times the run, that a motion, or a file of a reference, may last
-_ANYWAY = 60.0  # [s] that ramps, moves and periods may, however short a run is
-# Keys of parts in which they count from the start of the run.
+_LATEST = 0.999  # share of the duration: latest start of anything
+_OUTLASTS = 20  # multiple of the duration that a motion, or the file of a reference, may last
+_ANYWAY = 60.0  # [s] that ramps, moves and periods may last in any run, however short
+# Parts whose times count from the start of the run.
 _TIMED = ("controller", "station", "estimators", "reference", "motion")
-_SLOW = ("_gain", "_bandwidth", "_rate", "bandwidth")  # ends of keys in 1/s or rad/s that are one over a time
+_SLOW = (
+    "_gain",
+    "_bandwidth",
+    "_rate",
+    "bandwidth",
+)  # endings of keys [1/s, rad/s] that are the inverse of a time constant
 
 
 def check_times(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
-    """Refuse what begins or ends after the run, or takes far longer than it.
+    """Refuse what begins or ends after the run, or takes much longer than the run.
 
     Args:
-        scenario: as read.
+        scenario: the scenario, as read.
         overrides: see `forcectl.scenario.checks.together.check_together`.
 
     Raises:
@@ -69,22 +74,24 @@ def check_times(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
 
 
 def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
-    """Dotted keys of when something begins, and that time [s]."""
+    """Dotted keys with the start of something, and that time [s]."""
     for name in _TIMED:
         for key, field, start in values(getattr(scenario, name), name, "s"):
-            # A default of a controller may be that of moves which it does not make; of several the run may make some.
+            # A default start of a controller may belong to moves that are off; of several moves a run may reach only some.
             of_several = field.name == "start" and key.split(".")[-2].isdecimal()
             if field.name not in _STARTS or (name == "controller" and (start == default_of(field) or of_several)):
                 continue
             if isinstance(start, list):
-                each = start if name == "reference" else start[:1]  # the last speed of a motion lasts on
+                each = (
+                    start if name == "reference" else start[:1]
+                )  # a motion holds its last speed, so only its first time counts
                 yield from ((f"{key}.{i}", float(time)) for i, time in enumerate(each))
             elif isinstance(start, int | float):
                 yield key, float(start)
 
 
 def _check_lasting(scenario: Scenario) -> None:
-    """What takes a while takes less than the run; defaults do so in any but very short ones."""
+    """Refuse lasting actions that do not end within the run; defaults are accepted, as runs are seldom so short."""
     for name, lasting in _LASTS.items():
         for key, field, value in values(getattr(scenario, name), name, "s"):
             if field.name in lasting and value != default_of(field) and value >= scenario.duration:
@@ -109,12 +116,12 @@ def _check_lasting(scenario: Scenario) -> None:
 
 
 def _check_lengths(scenario: Scenario, longest: float, words: str) -> None:
-    """Refuse what takes far longer than the run to show an effect.
+    """Refuse gains, bandwidths and moves that show no effect within the run.
 
     Args:
-        scenario: as read.
-        longest: that it may take [s].
-        words: what that is.
+        scenario: the scenario, as read.
+        longest: longest time that an effect may take [s].
+        words: the same limit in words, for messages.
 
     Raises:
         BadInputError: about the key.
@@ -137,7 +144,7 @@ def _forced(key: str, overrides: Mapping[str, Any]) -> bool:
 
 
 def check_frequencies(scenario: Scenario, period: float) -> None:
-    """What is sampled once in a control tick [s] has less than half its frequency, and metrics last some ticks."""
+    """Refuse frequencies of half the control rate or more, and time windows of less than two ticks; `period` in [s]."""
     if scenario.model_error_window < 2 * period:
         raise invalid(
             "model_error_window", scenario.model_error_window, f"at least {2 * period:g} s, two control ticks"

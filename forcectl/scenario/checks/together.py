@@ -1,4 +1,4 @@
-"""What the parts of a scenario must be together, beside what each must be by itself."""
+"""Checks of a scenario across its parts; each part checks its own keys itself."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
     from forcectl.scenario.scenario import Scenario
 
-_LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, that figures and tables take
+_LONGEST = {"title": 200, "source": 200, "description": 5000}  # characters, to fit into figures and tables
 
 
 def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
-    """Refuse a scenario whose parts do not go together; nothing is built.
+    """Refuse a scenario whose parts do not fit together; no diagram is built.
 
     Args:
-        scenario: as read.
-        overrides: that it was read with, by dotted key. A run that one of them cuts short may end before something that
-            the file has in it begins.
+        scenario: the scenario, as read.
+        overrides: overrides that it was read with, by dotted key. With an override of `duration` things that the file
+            describes may begin after the end of the run.
 
     Raises:
         BadInputError: about the key that is wrong.
@@ -42,11 +42,11 @@ def check_together(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
 
 
 def check_built(scenario: Scenario, loop: Loop) -> None:
-    """Refuse a scenario that does not go together with what it makes.
+    """Refuse a scenario that does not fit to the loop built from it.
 
     Args:
-        scenario: as read.
-        loop: its loop.
+        scenario: the scenario, as read.
+        loop: the loop built from it.
 
     Raises:
         BadInputError: about the key that is wrong.

@@ -1,4 +1,4 @@
-"""What a scenario says to no effect, told and not refused: keys that nothing reads, or nothing beside other keys."""
+"""Keys of a scenario that have no effect, because nothing reads them or other keys disable them; only reported."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from forcectl.scenario.schema import class_of
 if TYPE_CHECKING:
     from forcectl.scenario.scenario import Scenario
 
-# Keys of a station that a fidelity does not read, by an attribute of it and the value with which it does not.
+# Keys of a station that some fidelities do not read: (attribute of the fidelity, its value) -> keys.
 _UNREAD = {
     ("has_dynamics", False): ("gravity", "time_step", "friction_scale", "tuned_for", "torque_ratio"),
     ("has_dynamics", True): ("coulomb_friction", "substeps"),
     ("constant_jacobian", True): ("posture_period",),
 }
-# Keys of the part `model`, by what of it they are: not every part of a scenario reads it.
+# Keys of the part `model` by the group that `Config.reads_of_model` names; not every scenario reads all groups.
 _OF_MODEL = {
     "compliance": ("robot_compliance", "environment_compliance"),
     "friction": ("friction", "friction_scale"),
@@ -36,13 +36,13 @@ _OF_MODEL = {
 
 
 def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> list[str]:
-    """What a scenario says to no effect, in lines: what no fidelity that it is for reads, or nothing beside other keys.
+    """Lines about keys without effect: those that no fidelity of the scenario reads, or that other keys disable.
 
-    A preset is for all fidelities, and no word is lost on it.
+    Values that equal those of the preset are not reported: a preset serves all fidelities.
 
     Args:
-        scenario: as read.
-        signals: of its loop, as far as they are known.
+        scenario: the scenario, as read.
+        signals: names of the signals of its loop, as far as they are known.
     """
     every = [scenario.station.fidelity, *(class_of("fidelity", name) for name in scenario.fidelities)]
     names = {
@@ -108,7 +108,7 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
 
 
 def _known(part: Any) -> bool:
-    """Whether a part of a scenario, and every part in it, is one of ours, which say what they read."""
+    """Whether a part of a scenario, and every part in it, is one of forcectl's, which declare what they read."""
     if isinstance(part, list | tuple | dict):
         return all(map(_known, part.values() if isinstance(part, dict) else part))
     inner = [getattr(part, field.name) for field in fields(part)] if isinstance(part, Config) else []  # type: ignore[arg-type]
@@ -117,7 +117,7 @@ def _known(part: Any) -> bool:
 
 
 def _unused(part: Any, key: str, names: Sequence[str], why: str) -> list[str]:
-    """What a part says, in lines, with another value than usual, to no effect."""
+    """Lines about those keys `names` of a part that have no effect, and are not at their defaults."""
     own = (
         (field, getattr(part, field.name))
         for field in (fields(part) if is_dataclass(part) else ())

@@ -1,4 +1,4 @@
-"""What the parts of a scenario say, by dotted key."""
+"""The values in the parts of a scenario, by dotted key."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ if TYPE_CHECKING:
 
 
 def values(part: Any, key: str, *units: str) -> Iterator[tuple[str, Field[Any], Any]]:
-    """Dotted key, declaration and value of what has one of these units, in a configuration and every one within it."""
+    """Dotted key, field and value of every key with one of these units, in a configuration and those inside it."""
     for each_key, each in configs(part, key):
         yield from own_values(each, each_key, *units)
 
 
 def own_values(part: Any, key: str, *units: str) -> Iterator[tuple[str, Field[Any], Any]]:
-    """The same of a configuration by itself; nothing of what is none."""
+    """The same for one configuration without those inside it; nothing for other objects."""
     for field in fields(part) if isinstance(part, Config) else ():  # type: ignore[arg-type]
         if key_of(field).unit in units:
             yield join(key, field.name), field, getattr(part, field.name)
 
 
 def configs(part: Any, key: str) -> Iterator[tuple[str, Config]]:
-    """A configuration and every one within it, by dotted key."""
+    """A configuration and every one inside it, by dotted key."""
     return ((each_key, each) for each_key, each in parts_within(part, key) if isinstance(each, Config))
 
 
 def parts_within(part: Any, key: str) -> Iterator[tuple[str, Any]]:
-    """A part and everything within it, by dotted key, a user's own object as a whole."""
+    """A part and everything inside it, by dotted key; a user's own object is one part."""
     yield key, part
     inner: Mapping[Any, Any] = {}
     if isinstance(part, Config):
@@ -49,5 +49,5 @@ def parts_within(part: Any, key: str) -> Iterator[tuple[str, Any]]:
 
 
 def preset_tree(scenario: Scenario) -> Tagged:
-    """What the preset of a scenario says, that of its drive."""
+    """The tree of a scenario's preset, in the version for its drive."""
     return find_preset(scenario.preset, to_tree(scenario.station.drive, "drive").tag or "").tree
