@@ -1,4 +1,4 @@
-"""What blocks are made of: sampling, parameters, batches, caches, rotations."""
+"""Building blocks of systems: sampling, parameters, batches, caches, rotations."""
 
 from forcectl.framework.lazy import lazy_names
 

@@ -1,8 +1,9 @@
 """Batches: n scalar loops side by side inside one block; element i uses element i of every port, state and parameter.
 
-The equations are written once, with operators that mean the same on a float, which they get when n = 1 (numpy costs ten
-times more on single numbers), and on an array. A batch element equals the same loop run alone bit for bit; in blocks
-that are one of Drake's linear systems to rounding (1e-12), and there one that is not a number reaches the others.
+The equations are written once, with operators that mean the same on floats and on arrays. With n = 1 they get floats,
+as numpy takes ten times longer for single numbers. Each batch element equals the same loop run alone, bit for bit. In
+blocks made of one of Drake's linear systems it does so to rounding (1e-12), and there a NaN of one element reaches the
+others.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from forcectl.framework.fields import interval
 
 BatchValue = Any  # a float when the batch has one element, else an array of shape (n,)
 
-# Up to here a loop over floats is faster than numpy; measured.
+# Largest batch for which a loop over floats is faster than numpy; measured.
 SMALL_BATCH = 8
 
-# The few functions that operators cannot express, for floats; numpy itself serves arrays with the same results.
+# Functions that operators cannot express, for floats; for arrays numpy has the same names and results.
 SCALAR_MATH: Any = SimpleNamespace(
     maximum=max,
     minimum=min,
@@ -42,12 +43,12 @@ SCALAR_MATH: Any = SimpleNamespace(
 
 @dataclass(frozen=True)
 class BatchParameter:
-    """A value per batch element that lives in the Context.
+    """A numeric parameter in the Context with a value for each batch element.
 
     Attributes:
-        value: number or shape (n,).
-        allowed: bounds as in `Key`; may be infinite unless they say "finite", and "a number" is any.
-        unit: for documentation and graphs.
+        value: one number for all elements, or shape (n,).
+        allowed: bounds as in `Key`. Infinity is allowed unless they say "finite"; "a number" allows any.
+        unit: unit, for documentation and graphs.
     """
 
     value: ArrayLike
@@ -59,7 +60,7 @@ def batch_values(name: str, value: ArrayLike, size: int, allowed: str = "finite"
     """`value` as an array of shape (size,), checked.
 
     Raises:
-        BadInputError: wrong length, not a number, or outside what is allowed.
+        BadInputError: wrong length, not a number, or outside the bounds.
     """
     check_count("size", size)
     if value is None or isinstance(value, bool):
@@ -71,7 +72,7 @@ def batch_values(name: str, value: ArrayLike, size: int, allowed: str = "finite"
     if array.ndim > 1 or array.size not in (1, size):
         raise BadInputError(f" has shape {array.shape}: must be one number or shape ({size},)", key=name)
     array = np.broadcast_to(array.ravel(), size).astype(float)
-    # Infinity is a legal "no limit" wherever only a sign is asked for; NaN never is.
+    # Infinity means "no limit" and is allowed where the bounds only fix a sign; NaN never is.
     if np.isnan(array).any() or not interval(allowed).holds(array).all():
         raise invalid(name, array.tolist() if size > 1 else float(array[0]), allowed)
     return array
@@ -92,7 +93,7 @@ def check_count(name: str, value: int) -> int:
 
 
 def whole_multiple(name: str, value: float, period: float, period_name: str) -> int:
-    """How many times `period` fits into `value`; BadInputError when it does not divide it."""
+    """`value` as a multiple of `period`; BadInputError if it is not zero or a whole multiple."""
     ratio = check(name, value) / period
     if not (value >= 0 and math.isfinite(ratio) and abs(ratio - round(ratio)) <= 1e-6):
         raise invalid(name, value, f"zero or a whole multiple of {period_name} = {period:g}")
@@ -113,7 +114,7 @@ class BatchBlock(PythonBlock):
 
     parameter_names: Sequence[str] = ()
     parameter_units: Mapping[str, str] = {}
-    # Whether the equations want arrays also of one batch element.
+    # Whether the equations need arrays even for one batch element.
     on_arrays = False
 
     def __init__(self, size: int, parameters: Mapping[str, BatchParameter]):
@@ -134,7 +135,7 @@ class BatchBlock(PythonBlock):
             lambda block, context, value: block._collect(context, value),
             {self.all_parameters_ticket()},
         )
-        # The parameters in this block's context, as `derive` gives them.
+        # The result of `derive` for the parameters in this block's context.
         self.values: Callable[[Context], Any] = values.Eval
 
     @property
@@ -154,7 +155,7 @@ class BatchBlock(PythonBlock):
         return context.get_numeric_parameter(self._find(name)).CopyToVector()
 
     def check_together(self, values: Mapping[str, Array]) -> None:
-        """Raise BadInputError when parameters that are fine alone do not fit each other; nothing by default."""
+        """Raise BadInputError when parameters contradict each other; no check by default."""
 
     def _checked(self, name: str, value: ArrayLike) -> Array:
         return batch_values(f"{type(self).__name__}.{name}", value, self._size, self._allowed[name])
@@ -165,7 +166,7 @@ class BatchBlock(PythonBlock):
         return self._index[name]
 
     def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
-        """What the equations need of the parameters; computed once per change, not per tick."""
+        """Quantities that the equations need, from the parameters; computed once per change, not per tick."""
         return values
 
     def _collect(self, context: Context, value: AbstractValue) -> None:
@@ -173,13 +174,13 @@ class BatchBlock(PythonBlock):
         value.set_value(self.derive(values))
 
     def choose(self, condition: BatchValue, new: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
-        """The new batch values where the condition holds, the old ones of the same names elsewhere."""
+        """By name: the new batch values where the condition holds, the old ones elsewhere."""
         if self._shape:
             return {name: np.where(condition, value, old[name]) for name, value in new.items()}
         return new if condition else {name: old[name] for name in new}
 
     def batch_value(self, vector: Array) -> BatchValue:
-        """A vector of shape (n,) as the equations want it."""
+        """A vector of shape (n,) in the form that the equations use: a float for one element, else an array."""
         return vector if self._shape else vector.item()
 
     def unstack(self, vector: Array) -> Any:
@@ -187,7 +188,7 @@ class BatchBlock(PythonBlock):
         return vector.reshape(-1, self._size) if self._shape else vector.tolist()
 
     def write(self, vector: BasicVector, value: BatchValue) -> None:
-        """Put one batch value into a vector of shape (n,)."""
+        """Write one batch value into a vector of shape (n,)."""
         if self._shape:
             vector.SetFromVector(value)
         else:

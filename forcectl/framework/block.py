@@ -1,14 +1,14 @@
-"""Bases of blocks and diagrams that are written in Python, and freed when nothing uses them any more.
+"""Base classes of blocks and diagrams written in Python that are freed when nothing uses them any more.
 
-Python's garbage collector frees a diagram when it sees all that leads to it. The bindings of Drake for Python 3.11 hide
-two things from it, see docs/upstream/drake_python_311_leak.md:
+Python's garbage collector can free a diagram only if it sees all references to it. The bindings of Drake for Python
+3.11 hide two kinds of them, see docs/upstream/drake_python_311_leak.md:
 
 - A class written in Python gives its instances a dictionary, which these bindings visit a second time as their own. The
-  collector counts twice what is in it. With empty `__slots__` there is only one dictionary, that of the bindings.
-- An output port keeps the function it calls. A method bound to the block would keep the block.
+  collector counts its entries twice. With empty `__slots__` there is only the dictionary of the bindings.
+- An output port holds a reference to its function. A method bound to the block would keep the block alive.
 
-Whatever the bindings, a `CacheEntry` keeps its block, and Drake what an entry calls. A block that stores its own entry,
-or gives it a bound method, is never freed: hence `BlockCache`.
+With all bindings, a `CacheEntry` holds a reference to its block, and Drake one to the entry's function. A block that
+stores its own entry, or passes a bound method to it, is never freed: hence `BlockCache`.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from pydrake.systems.framework import Context, Diagram, LeafSystem, OutputPort, 
 
 _Type: Any = type(LeafSystem)
 
-# The newer bindings free blocks as they are, and no type can be derived from theirs.
+# Newer bindings free blocks without this, and their metaclass cannot be derived from.
 if _Type.__name__ == "pybind11_type":
 
     class _OneDictionary(_Type):
-        """Type of a class with empty `__slots__`, and of all that are derived from it."""
+        """Metaclass that gives a class, and all classes derived from it, empty `__slots__`."""
 
         def __new__(cls, name: str, bases: tuple[type, ...], members: dict[str, Any]) -> Any:
             return super().__new__(cls, name, bases, {"__slots__": (), **members})
@@ -36,7 +36,7 @@ if _Type.__name__ == "pybind11_type":
 
 
 class PythonBlock(LeafSystem, metaclass=_Type):
-    """A LeafSystem that its output ports do not keep alive; declare them with methods as ever."""
+    """A LeafSystem whose output ports do not keep it alive, although they are declared with bound methods."""
 
     def DeclareVectorOutputPort(self, *args: Any, **named: Any) -> OutputPort:
         """As Drake's."""
@@ -54,7 +54,7 @@ class PythonDiagram(Diagram, metaclass=_Type):
 
 
 def _weak(argument: Any) -> Any:
-    """A bound method as a function that does not keep its block; anything else as it is."""
+    """A bound method as a function with a weak reference to its block; anything else as it is."""
     if not isinstance(argument, MethodType):
         return argument
     block: Any = ref(argument.__self__)
@@ -63,13 +63,13 @@ def _weak(argument: Any) -> Any:
 
 
 class BlockCache:
-    """A cache entry of `block`, which the block may store.
+    """A cache entry of `block` that the block can store as an attribute without keeping itself alive.
 
     Args:
-        allocate: makes the value.
-        calc: computes it, called with the block, its context and the value; a plain function, not a method bound to the
-            block.
-        prerequisites: tickets the value depends on.
+        allocate: allocates the value.
+        calc: computes the value; called with the block, its context and the value. A plain function, not a method bound
+            to the block.
+        prerequisites: dependency tickets of the value.
     """
 
     def __init__(
@@ -94,14 +94,14 @@ class BlockCache:
         return self._ticket
 
     def Eval(self, context: Context) -> Any:
-        """The value in this block's context, brought up to date."""
+        """The up-to-date value in this block's context."""
         return self._block().get_cache_entry(self._index).Eval(context)
 
 
 def scratch(block: LeafSystem, name: str, make: Callable[[], Any]) -> BlockCache:
-    """A place to work in, made by `make` at the first use of a context of `block`, and overwritten at every use.
+    """Work space of `block` in the Context, made by `make` at its first use, and overwritten at every use.
 
-    Not with the context: Drake allocates one of a block for every question about its feedthrough, and copies it.
+    It is not allocated with the context, as Drake allocates and copies contexts for every query of feedthrough.
     """
     nothing = {block.nothing_ticket()}
     return BlockCache(
@@ -110,7 +110,7 @@ def scratch(block: LeafSystem, name: str, make: Callable[[], Any]) -> BlockCache
 
 
 def values_of_tick(block: LeafSystem, prerequisites: set[Any]) -> BlockCache:
-    """What `block._compute(context)` returns, computed once while the prerequisites stay the same."""
+    """The result of `block._compute(context)`, cached while the prerequisites stay the same."""
     return BlockCache(
         block,
         "values of this tick",
@@ -121,7 +121,7 @@ def values_of_tick(block: LeafSystem, prerequisites: set[Any]) -> BlockCache:
 
 
 def of_ports(system: System, attribute: str) -> dict[str, Any]:
-    """What a block, or the blocks inside a diagram, say of ports by name in an attribute; outer blocks win."""
+    """Entries by port name of an attribute of a block, or of the blocks inside a diagram; outer blocks win."""
     inner = system.GetSystems() if isinstance(system, Diagram) else []
     found: dict[str, Any] = {}
     for block in inner:

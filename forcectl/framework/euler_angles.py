@@ -1,4 +1,4 @@
-"""Euler angles as task variables: [x y z phi theta psi] (XYZ), or [x y z phi theta] (XY) where turns about z are free::
+"""Euler angles as task variables: [x y z phi theta psi] (XYZ), or [x y z phi theta] (XY) with free rotation about z::
 
     R = Rx(phi) Ry(theta) Rz(psi),    w = E(phi, theta) [phi', theta', psi']
 
@@ -6,12 +6,13 @@
     E = [0  cos phi  -sin phi cos theta],    E^-1 = [0        cos phi              sin phi     ]
         [0  sin phi   cos phi cos theta]            [0  -sin phi/cos theta    cos phi/cos theta]
 
-w is the angular velocity in the frame that R is expressed in. phi and theta alone say where the z axis points. The
-angles are singular where cos theta = 0: z along x. There 1/cos theta has no bound; below e, cos theta is inverted as
+w is the angular velocity in the frame that R is expressed in. phi and theta alone give the direction of the z axis. The
+angles are singular where cos theta = 0: z along x. There 1/cos theta is unbounded. For |cos theta| < e
+it is replaced by
 
     1/cos theta  ->  cos theta/e^2
 
-which is continuous and never larger than 1/e. phi' and psi' then fade out instead of growing; theta' stays exact.
+which is continuous and never larger than 1/e. So phi' and psi' go to zero instead of growing; theta' stays exact.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from forcectl.framework.batch import check
 from forcectl.framework.rotation_vector import OrientationState, transposed
 
 SMALLEST = 0.05  # e [1]: 2.9 degrees from the singularity
-_ALIGNED = 1e-9  # cos theta from which on phi and psi are rounding errors
+_ALIGNED = 1e-9  # cos theta below which phi and psi are only rounding errors
 _TURN = 2 * math.pi
 
 
@@ -49,8 +50,8 @@ def angles_of(rotation: Array, about: ArrayLike | None = None) -> Array:
     """Angles phi, theta, psi of a rotation matrix (3, 3), shape (3,) [rad].
 
     Args:
-        about: angles that those returned are the nearest to, see `nearest`: the last ones, say, for angles that are
-            continuous. None: theta within +-pi/2, the others within +-pi.
+        about: angles that the result is nearest to, see `nearest`; the previous angles give a continuous series. None:
+            theta within +-pi/2, the others within +-pi.
     """
     (r00, r01, r02), (r10, r11, r12), (_, _, r22) = rotation.tolist()
     cosine = math.hypot(r00, r01)
@@ -58,7 +59,7 @@ def angles_of(rotation: Array, about: ArrayLike | None = None) -> Array:
     if cosine > _ALIGNED:
         phi, psi = math.atan2(-r12, r22), math.atan2(-r01, r00)
     else:
-        # Only psi + phi, or psi - phi, says anything: phi is the given one.
+        # Only psi + phi, or psi - phi, is defined: phi is taken from `about`.
         phi = 0.0 if about is None else float(np.asarray(about, dtype=float)[0])
         psi = math.atan2(r10, r11) - math.copysign(phi, phi * r02)
     angles = np.array([phi, theta, psi])
@@ -66,9 +67,9 @@ def angles_of(rotation: Array, about: ArrayLike | None = None) -> Array:
 
 
 def nearest(angles: ArrayLike, about: ArrayLike) -> Array:
-    """The angles of the same orientation that are nearest to others, shape (3,) [rad].
+    """The angles of the same orientation that are nearest to `about`, shape (3,) [rad].
 
-    Every orientation has the angles (phi, theta, psi) and (phi + pi, pi - theta, psi + pi), each plus whole turns.
+    An orientation has the angles (phi, theta, psi) and (phi + pi, pi - theta, psi + pi), each plus multiples of 2 pi.
     """
     first, centre = np.asarray(angles, dtype=float), np.asarray(about, dtype=float)
     second = np.array([first[0] + math.pi, math.pi - first[1], first[2] + math.pi])
@@ -96,13 +97,12 @@ class EulerAngles:
     """Euler angles as the orientation of a task, see `forcectl.tasks.coordinates.ArmTask`.
 
     Args:
-        base: R_0 (3, 3), for the angles of R_0' R; None: the identity. It moves the singularity away from where the
-            task is.
+        base: R_0 (3, 3), for the angles of R_0' R; None: the identity. It moves the singularity away from the task.
         about: angles (3,) [rad] that the values are nearest to, see `nearest`; None: the usual range.
-        smallest: e [1].
+        smallest: e, |cos theta| below which the rates are damped [1].
 
     Attributes:
-        periodic: True: a whole turn of one of the angles changes nothing.
+        periodic: True: adding 2 pi to an angle does not change the orientation.
 
     Raises:
         BadInputError: base is not a rotation, or smallest not above 0 and at most 1.
@@ -116,7 +116,7 @@ class EulerAngles:
         self._smallest = check("smallest", smallest, "above 0 and at most 1")
 
     def state(self, rotation: Array, angular_velocity: Array) -> OrientationState:
-        """The angles of R (3, 3) that turns at w (3,) [rad/s], and what makes their rates of w and w'."""
+        """The angles of R (3, 3) at angular velocity w (3,) [rad/s], and the terms of their rates in w and w'."""
         angles = angles_of(self._back @ rotation, self._about)
         rates = inverse_rate_matrix(angles, self._smallest) @ self._back
         theta = float(angles[1])

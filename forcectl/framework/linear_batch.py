@@ -1,4 +1,4 @@
-"""Sampled linear systems of a batch: one matrix for all elements, or one small matrix for each."""
+"""Sampled linear systems of a batch: one large matrix for all elements, or a small matrix for each."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from forcectl.framework.block import PythonBlock
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
-WIDE = 32  # batch elements from which on a matrix for each is as fast as one for all; measured
-_LONG = 256  # samples in delay lines from which on a matrix for all is slower; measured
+WIDE = 32  # number of batch elements from which on small matrices are as fast as a large one; measured
+_LONG = 256  # number of samples in all delay lines from which on the large matrix is slower; measured
 
 
 def state_space(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike, period: float) -> StateSpace:
     """x[k+1] = a x[k] + b u[k], y[k] = c x[k] + d u[k], sampled every `period` [s].
 
-    `scipy.signal` takes most of a second to load, and few loops need it: so it is loaded here.
+    `scipy.signal` takes most of a second to import, and few loops need it: so it is imported here.
     """
     from scipy.signal import StateSpace
 
@@ -45,8 +45,7 @@ class LinearBatch(PythonBlock):
     u0: shape (p n,), grouped by quantity, in the units of the systems, here [1].
     y0: shape (q n,), likewise [1]. Feedthrough of u0 when `ticks` is 0.
 
-    Time and memory grow with n; those of one `LinearSystem` for all grow with its square. What is not a number stays in
-    its element.
+    Time and memory grow with n; those of one `LinearSystem` for all elements grow with n^2. A NaN stays in its element.
 
     Sampling: every `period` [s].
 
@@ -56,7 +55,7 @@ class LinearBatch(PythonBlock):
         c: C, shape (n, q, m); None: the output is the state.
         d: D, shape (n, q, p); None with C.
         period: [s].
-        ticks: samples of delay d.
+        ticks: delay d in samples.
         state: x before the first tick, shape (m n,).
         line: u before the first tick, shape (p n,).
     """
@@ -75,7 +74,7 @@ class LinearBatch(PythonBlock):
     ):
         super().__init__()
         n, p = len(b), b.shape[2]
-        # The elements last: numpy then adds up the products in the same order for any n.
+        # Elements are the last axis: numpy then adds the products in the same order for any n.
         self._a, self._b = np.ascontiguousarray(np.moveaxis(a, 0, -1)), np.ascontiguousarray(np.moveaxis(b, 0, -1))
         self._input = self.DeclareVectorInputPort("u0", p * n)
         self._state = self.DeclareDiscreteState(np.asarray(state, dtype=float))
@@ -133,7 +132,7 @@ def sampled_system(
     state: ArrayLike | None = None,
     line: ArrayLike | None = None,
 ) -> LinearSystem | LinearBatch:
-    """n sampled systems behind delay lines, as the faster of the two kinds of block; see `LinearBatch`.
+    """n sampled systems behind delay lines, as a `LinearSystem` or a `LinearBatch`, whichever is faster.
 
     Args:
         a, b, c, d: of each system, shapes (n, m, m), (n, m, p), (n, q, m) and (n, q, p); without c and d the output is
@@ -156,11 +155,11 @@ def sampled_system(
 
 
 def behind_delay(a: Matrix, b: Matrix, c: Matrix, d: Matrix, ticks: int, period: float) -> LinearSystem:
-    """A system behind a delay line; its states, then those of the line, the newest first.
+    """A system behind a delay line. Its state: that of the system, then the samples of the line, newest first.
 
     Args:
-        a, b, c, d: of the system.
-        ticks: samples of delay.
+        a, b, c, d: matrices of the system.
+        ticks: delay in samples.
         period: [s].
     """
     if not ticks:

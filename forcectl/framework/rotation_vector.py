@@ -1,4 +1,4 @@
-"""Orientation as a rotation vector: free of singularities up to half a turn away from its base, where it changes sign::
+"""Orientation as a rotation vector: free of singularities up to pi from its base, where it jumps in sign::
 
     R = exp([phi]x) R_0,    phi' = A(phi) w,    phi'' = A w' + A' w
     A = 1 - [phi]x/2 + c [phi]x^2,    c = (1 - (t/2) cot(t/2))/t^2,    t = |phi|
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from forcectl.arrays import Vector
 from forcectl.errors import invalid
 
-_SMALL = 1e-3  # [rad]; below, the first terms of the series are exact to 1e-15
+_SMALL = 1e-3  # [rad] angle below which the first terms of the series are exact to 1e-15
 
 
 class OrientationState(NamedTuple):
@@ -28,8 +28,8 @@ class OrientationState(NamedTuple):
         value: (3,) [rad].
         rates: (3, 3).
         bias: (3,) [rad/s^2].
-        axes: columns about which the coordinates turn, w = axes phi', where `rates` are damped, (3, 3); None elsewhere,
-            where they are the inverse of `rates`.
+        axes: columns are the rotation axes of the coordinates, w = axes phi', (3, 3). Only where `rates` are damped;
+            None where it is the inverse of `rates`.
     """
 
     value: Vector
@@ -39,10 +39,10 @@ class OrientationState(NamedTuple):
 
 
 class RotationVector:
-    """The coordinates above.
+    """The rotation vector phi of this module as the orientation of a task.
 
     Args:
-        base: R_0, where they are zero; (3, 3). None: the identity.
+        base: R_0, the orientation with phi = 0; (3, 3). None: the identity.
 
     Raises:
         BadInputError: base is not a rotation.
@@ -52,7 +52,7 @@ class RotationVector:
         self._back = transposed(base)
 
     def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
-        """Of the orientation R (3, 3) that turns at w (3,) [rad/s]."""
+        """The coordinates of R (3, 3) at angular velocity w (3,) [rad/s]."""
         x, y, z = _rotation_vector((rotation @ self._back).tolist())
         wx, wy, wz = angular_velocity.tolist()
         square = x * x + y * y + z * z
@@ -70,12 +70,12 @@ class RotationVector:
         ab, ba, ad, da, bd, db = xy + z2, xy - z2, xz - y2, xz + y2, yz + x2, yz - x2
         # phi', row by row of A.
         a, b, d = xx * wx + ab * wy + ad * wz, ba * wx + yy * wy + bd * wz, da * wx + db * wy + zz * wz
-        # A' w; dc is c', and du that of t^2/2.
+        # A' w; dc is c', and du the derivative of t^2/2.
         du = x * a + y * b + z * d
         dc = slope * du / t if t > 0.0 else 0.0
         along, turning = x * wx + y * wy + z * wz, c * (a * wx + b * wy + d * wz)
         shrink, e, f = dc * square + 2.0 * c * du, dc * along + turning, c * along
-        # One array for all of them: making one costs as much as all of the arithmetic.
+        # One array for all: creating an array costs as much as all of the arithmetic.
         numbers = np.array(
             (
                 *(x, y, z),
@@ -101,7 +101,7 @@ class RotationVector:
 
 
 def transposed(rotation: ArrayLike | None, name: str = "base") -> Vector:
-    """R', shape (3, 3), of a rotation R that is called `name`, checked; None: the identity."""
+    """R', shape (3, 3), of a rotation R, which is checked; None: the identity. `name`: of R, for messages."""
     R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
     if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
         raise invalid(name, R.tolist(), "a rotation matrix (3, 3)")
@@ -109,7 +109,7 @@ def transposed(rotation: ArrayLike | None, name: str = "base") -> Vector:
 
 
 def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:
-    """phi of a rotation, through the unit quaternion whose largest component is found first."""
+    """phi of a rotation, by its quaternion; the largest component is computed first, for accuracy."""
     (a, b, c), (d, e, f), (g, h, i) = R
     trace = a + e + i
     if trace >= max(a, e, i):

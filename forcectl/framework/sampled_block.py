@@ -1,10 +1,10 @@
-"""Blocks that compute at ticks, with outputs that act in the tick they are computed in and are held after it.
+"""Sampled blocks whose outputs take effect at the tick in which they are computed, and are held until the next one.
 
-A command kept in discrete state reaches sampled plants one tick late. One computed in an unrestricted update does not,
-but such an event copies the state of the whole diagram and throws away everything computed so far in the tick: a
-multibody plant would solve its step twice. Here the outputs are computed from the inputs at the tick and kept as state
-for the rest of it: no delay and nothing computed twice. A continuous plant's integrator, too, sees the new command when
-its step ends on a tick: runge_kutta3 gives that a sixth of the step.
+A command kept in discrete state reaches sampled plants one tick late. An unrestricted update would avoid this delay,
+but it copies the state of the whole diagram and invalidates all cached values of the tick: a multibody plant would
+solve its step twice. Here the outputs are computed from the inputs at the tick, and kept as state until the next tick.
+So there is no delay, and nothing is computed twice. The integrator of a continuous plant also uses the new command at
+the end of a step that ends on a tick; in runge_kutta3 this stage has a weight of a sixth.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from forcectl.framework.block import BlockCache, PythonBlock, values_of_tick
 # Quantities by their names: each a number or an array.
 Memory = Mapping[str, Any]
 
-_START = "start of the tick"  # among them: the memory before and the inputs, of blocks that keep them
+_START = "start of the tick"  # key of the memory before the tick and the inputs, in blocks that store them
 
 
 class TickStart(NamedTuple):
-    """What a tick starts from.
+    """Memory and inputs at the start of a tick.
 
     Attributes:
-        memory: of the tick before, and its "time" [s], below zero before the first one.
-        inputs: by the names of their ports, without those that are left unconnected.
+        memory: memory after the tick before, with its "time" [s], which is negative before the first tick.
+        inputs: values by port name, without unconnected ports.
     """
 
     memory: Memory
     inputs: Memory
 
 
-# A class may have one base of Drake's only (from Drake 1.58 on), so what the two bases below share has none.
+# From Drake 1.58 on a class may have only one base of Drake's, so the class that the two below share has none.
 if TYPE_CHECKING:
     from pydrake.systems.framework import LeafSystem as _Shared
 else:
@@ -49,16 +49,16 @@ else:
 
 
 class _Ticks(_Shared):
-    """What `SampledBlock` and `SampledBatch` share."""
+    """Common part of `SampledBlock` and `SampledBatch`."""
 
     if not TYPE_CHECKING:
         __slots__ = ()  # see `PythonBlock`
 
     # Names of inputs that may be left unconnected.
     optional_inputs: Sequence[str] = ()
-    # Whether the Context also holds what the last tick started from, see `last_tick`.
+    # Whether the Context also stores memory and inputs at the start of the last tick, see `last_tick`.
     keeps_start = False
-    # What a number of the memory is in `step`: a float, or an array of this shape.
+    # Shape of the numbers of the memory in `step`; empty: floats.
     _shape: tuple[int, ...] = ()
 
     def declare_memory(
@@ -71,19 +71,21 @@ class _Ticks(_Shared):
         """Declare the memory and its event.
 
         Args:
-            memory: what a tick remembers of the one before, by name, as it is before the first tick: numbers and
-                vectors.
-            inputs: all that `step` reads.
-            period: tick [s].
-            kept: what else is known after a tick, which the next one does not read, by name, as it is before the first
-                tick.
+            memory: quantities that one tick passes to the next, numbers and vectors by name, with their values before
+                the first tick.
+            inputs: all ports that `step` reads.
+            period: time from tick to tick [s].
+            kept: further results of a tick that the next tick does not read, by name, with their values before the
+                first tick.
         """
         self._period = check("period", period, "positive")
-        self._soonest = 0.999 * period  # after a tick; rounding of the times of the ticks is far below the margin
+        self._soonest = (
+            0.999 * period
+        )  # [s] after a tick that the next one may come; the margin is far above rounding errors of the times
         self._inputs = {port.get_name(): port for port in inputs}
         self._optional = {name: self._inputs[name] for name in self.optional_inputs if name in self._inputs}
         self._wide = [port.get_name() for port in inputs if port.size() > math.prod(self._shape)]
-        self._scalars = not (self._shape or self._optional or self._wide)  # what all inputs are
+        self._scalars = not (self._shape or self._optional or self._wide)  # whether all inputs are single numbers
         self._readers = [(name, port.Eval) for name, port in self._inputs.items() if name not in self._optional]
         self._names = tuple(memory)
         initial = {name: self._initial(name, value) for name, value in memory.items()}
@@ -98,7 +100,7 @@ class _Ticks(_Shared):
         state = self.DeclareDiscreteState(self._pack({**initial, "time": -self._period}))
         self._reads: set[Any] = {port.ticket() for port in inputs}
         self._reads |= {self.time_ticket(), self.all_parameters_ticket(), self.discrete_state_ticket(state)}
-        self._state, self._memory = state, int(state)  # a number is looked up in half of the time
+        self._state, self._memory = state, int(state)  # an int is looked up in half the time
         self._kept = {name: self.DeclareDiscreteState(part) for name, part in (kept or {}).items()}
         if self.keeps_start:
             self._missing = {port.get_name(): np.full(port.size(), np.nan) for port in inputs}
@@ -108,13 +110,13 @@ class _Ticks(_Shared):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
 
     def show(self, *names: str, vector: str | None = None) -> None:
-        """Declare output ports that show quantities of the memory after the tick.
+        """Declare output ports with quantities of the memory after the tick.
 
         Args:
-            names: of the ports, and of the quantities unless these are the first rows of a vector.
-            vector: of the memory, of shape (k, n).
+            names: names of the ports, and of the quantities, unless a vector is given.
+            vector: name of a quantity of shape (k, n), whose first rows the ports show.
         """
-        # A block that remembers nothing but its output needs no cache beside that of its port.
+        # A block whose only memory is its output needs no cache but that of the port.
         if self._now is None and (vector or len(self._names) > 1):
             self._now = values_of_tick(self, self._reads)
         for element, name in enumerate(names):
@@ -140,13 +142,13 @@ class _Ticks(_Shared):
         self._port = self.DeclareVectorOutputPort(name, size, put, prerequisites_of_calc=reads)
 
     def show_held(self, name: str, vector: str | None = None, element: int = 0, factor: float = 1.0) -> None:
-        """Declare an output port with a number of the memory as the tick before left it: no direct feedthrough.
+        """Declare an output port with a number of the memory after the tick before: no direct feedthrough.
 
         Args:
-            name: of the port, and of the number unless `vector` names it.
-            vector: of the memory, or a number that is called otherwise than the port.
-            element: of a vector.
-            factor: times which it is shown.
+            name: name of the port, and of the number unless `vector` gives another one.
+            vector: name of a vector of the memory, or of a number with another name than the port.
+            element: index in the vector.
+            factor: factor by which the number is multiplied.
         """
         state, size = self._memory, math.prod(self._shape)
         place = self._vectors.get(vector or name)
@@ -162,35 +164,35 @@ class _Ticks(_Shared):
         self.DeclareVectorOutputPort(name, size, put if self._shape else put_number, prerequisites_of_calc=reads)
 
     def show_kept(self, *names: str) -> None:
-        """Declare output ports with what was kept in the tick before; by Drake, without a call into Python."""
+        """Declare output ports with `kept` quantities of the tick before, as state outputs that do not call Python."""
         for name in names:
             self.DeclareStateOutputPort(name, self._kept[name])
 
     @abstractmethod
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
-        """The memory after a tick, and what is kept, by name.
+        """The memory after a tick and the `kept` quantities, by name.
 
         Args:
-            context: for parameters and places to work in; what else a tick depends on are the others.
-            memory: of the tick before, and its "time" [s], below zero before the first one.
-            inputs: by the names of their ports, without those that are left unconnected.
+            context: for parameters and work space only; all else that a tick depends on are the other arguments.
+            memory: memory after the tick before, with its "time" [s], which is negative before the first tick.
+            inputs: values by port name, without unconnected ports.
         """
 
     def memory(self, context: Context) -> dict[str, Any]:
-        """The memory after the tick that the outputs show, by name, with the "time" of that tick [s]."""
+        """The memory after the tick whose results are at the outputs, by name, with the "time" of that tick [s]."""
         memory = dict(self._after(context))
         memory.pop(_START, None)
         return memory
 
     def held(self, context: Context) -> dict[str, Any]:
-        """The memory as the tick before left it, by name, with the "time" of that tick [s]."""
+        """The memory after the tick before, by name, with the "time" of that tick [s]."""
         return self._unpack(context.get_discrete_state(self._memory).value())
 
     def last_tick(self, context: Context) -> TickStart:
-        """What the tick started from whose values the outputs show; of a block that keeps it, see `keeps_start`.
+        """Memory and inputs at the start of the tick whose results are at the outputs; needs `keeps_start`.
 
         Raises:
-            BadInputError: there was none yet, or the block does not keep it.
+            BadInputError: there was no tick yet, or the block does not store them.
         """
         if not self.keeps_start:
             raise BadInputError(
@@ -219,11 +221,11 @@ class _Ticks(_Shared):
         return inputs
 
     def _initial(self, name: str, value: Any) -> Vector:
-        """A quantity before the first tick, of the shape it has in `step`."""
+        """The value of a quantity before the first tick, in the shape that it has in `step`."""
         return np.asarray(value, dtype=float)
 
     def _unpack(self, packed: Vector) -> dict[str, Any]:
-        # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
+        # A copy: a view that ends up in a cache of the same context would keep that context alive.
         packed = packed.copy()
         memory = dict(zip(self._numbers, packed[: len(self._numbers)].tolist(), strict=True))
         for name, place in self._vectors.items():
@@ -261,25 +263,26 @@ class _Ticks(_Shared):
         next_state.set_value(self._memory, self._pack(after))
         for name, state in self._kept.items():
             next_state.set_value(state, after[name])
-        # There is none in an event that is forced between two ticks, which changes nothing.
+        # It is missing in an event that is forced between two ticks, which changes nothing.
         if _START in after:
             next_state.set_value(self._start, after[_START])
 
 
 class SampledBlock(_Ticks, PythonBlock):
-    """Base of sampled blocks: a tick makes a new memory of the one before and the inputs.
+    """Base of sampled blocks: each tick computes a new memory from the last one and the inputs.
 
-    A subclass declares its input ports, its memory and the outputs that `show` it, and gives the tick in `step`, where
-    every quantity has a name. In the Context one vector holds them: the time of the tick, then numbers, then vectors. A
-    group of the state for each would make the tick of a small block half as long again; `memory` has them by name.
+    A subclass declares its input ports, its memory and the outputs that `show` it. It implements a tick in `step`,
+    where quantities are read and returned by name. In the Context one state vector holds them: the time of the tick,
+    then numbers, then vectors. A state group for each quantity would make the tick of a small block 50 % slower;
+    `memory` gives them by name.
     """
 
 
 class SampledBatch(_Ticks, BatchBlock):
-    """Base of sampled blocks of n batch elements, whose state has the time of the tick once for each.
+    """Base of sampled blocks of n batch elements; their state holds the time of the tick for each element.
 
-    In `step` a quantity that is declared as a number, or as one per element, is a batch value, and so is an input of
-    shape (n,). A quantity that is declared with shape (k, n) is k of them, and so is an input of shape (k n,).
+    In `step` a quantity that is declared as a number, or with shape (n,), is one batch value, and so is an input of
+    shape (n,). A quantity that is declared with shape (k, n) is k batch values, and so is an input of shape (k n,).
     """
 
     def _initial(self, name: str, value: Any) -> Vector:

@@ -15,19 +15,19 @@ from forcectl.framework.block import PythonDiagram
 
 
 def made_by(part: Any, method: str, key: str, kind: Any, wanted: str, *arguments: Any, **named: Any) -> Any:
-    """What a method of a part returns; errors in it are about the part.
+    """The result of a method of a part; errors in the method are about the part.
 
     Args:
-        part: fills a slot.
-        method: its name.
-        key: of the part, for the message.
-        kind: what is returned must be an instance of it.
+        part: object that fills a slot.
+        method: name of the method.
+        key: key of the part, for messages.
+        kind: required type of the result.
         wanted: the same in words.
-        arguments: of the method.
-        named: further ones, by name.
+        arguments: arguments of the method.
+        named: its arguments by name.
 
     Raises:
-        BadInputError: it returns something else.
+        BadInputError: the method returns another type.
     """
     with about(part):
         made = getattr(part, method)(*arguments, **named)
@@ -45,7 +45,7 @@ def add_part(part: Any, key: str, builder: DiagramBuilder, *arguments: Any, **na
 
 
 def check_names(builder: DiagramBuilder, systems: Iterable[System]) -> None:
-    """BadInputError where a block of these has the name of another one of the diagram in the making."""
+    """BadInputError if one of these blocks has the name of another block in the builder."""
     names = Counter(each.get_name() for each in builder.GetSystems())
     for name in (each.get_name() for each in systems):
         if names[name] > 1:
@@ -64,33 +64,33 @@ def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> 
 
 
 def export_all_outputs(builder: DiagramBuilder, system: System, but: Collection[str] = ()) -> None:
-    """Export the outputs of a system under their own names, in their order, but for those named in `but`."""
+    """Export the outputs of a system under their own names, in their order, except those named in `but`."""
     ports = map(system.get_output_port, range(system.num_output_ports()))
     export_outputs(builder, {port.get_name(): port for port in ports if port.get_name() not in but})
 
 
 def export_all_inputs(builder: DiagramBuilder, system: System, but: Collection[str] = ()) -> dict[str, InputPortIndex]:
-    """Export the inputs of a system under their own names, in their order, but for those named in `but`; by name."""
+    """Export the inputs of a system under their own names, except those named in `but`; the exported ports by name."""
     names = [name for name in input_names(system) if name not in but]
     return {name: builder.ExportInput(system.GetInputPort(name), name) for name in names}
 
 
 def through(builder: DiagramBuilder, name: str, block: System, source: OutputPort) -> OutputPort:
-    """Add a block of this name behind a port, with one input and one output; its output."""
+    """Add a block with one input and one output behind a port; returns its output."""
     builder.AddNamedSystem(name, block)
     builder.Connect(source, block.get_input_port(0))
     return block.get_output_port(0)
 
 
 def split(builder: DiagramBuilder, name: str, sizes: Sequence[int], source: OutputPort) -> list[OutputPort]:
-    """The parts of these sizes of a port, one after the other, by a block of this name."""
+    """Split a port into consecutive parts of these sizes, by a `Demultiplexer` of this name."""
     block = builder.AddNamedSystem(name, Demultiplexer(sizes))
     builder.Connect(source, block.get_input_port())
     return [block.get_output_port(i) for i in range(len(sizes))]
 
 
 def stacked(builder: DiagramBuilder, name: str, ports: Sequence[OutputPort]) -> OutputPort:
-    """At least one port, one after the other in one; a single one needs no block of that name."""
+    """Stack one or more ports into one, by a `Multiplexer` of this name; a single port is returned as it is."""
     if len(ports) == 1:
         return ports[0]
     block = builder.AddNamedSystem(name, Multiplexer([port.size() for port in ports]))
@@ -101,7 +101,7 @@ def stacked(builder: DiagramBuilder, name: str, ports: Sequence[OutputPort]) -> 
 
 def input_names(system: System) -> list[str]:
     """Names of the input ports, in their order."""
-    # With the extra argument Drake does not print a warning for ports on their way out.
+    # The second argument suppresses Drake's warning for deprecated ports.
     return [system.get_input_port(i, False).get_name() for i in range(system.num_input_ports())]
 
 
@@ -111,15 +111,15 @@ def output_names(system: System) -> list[str]:
 
 
 def optional_inputs(system: System) -> tuple[str, ...]:
-    """Inputs that may stay open, by the block's own word (attribute `optional_inputs`)."""
+    """Inputs that may be left unconnected, as the block declares in `optional_inputs`."""
     return tuple(getattr(system, "optional_inputs", ()))
 
 
 class Around(PythonDiagram):
-    """Base of the diagrams around a system that have its inputs: what it says of their delays and need holds for them.
+    """Base of diagrams around a system, with the same inputs: takes over its `sample_delay` and `optional_inputs`.
 
     Args:
-        system: within the diagram.
+        system: system inside the diagram.
     """
 
     def __init__(self, system: System):
@@ -129,7 +129,7 @@ class Around(PythonDiagram):
 
 
 class Enclosed(PythonDiagram):
-    """What a configuration added to a builder of its own.
+    """The blocks of one configuration as a diagram of their own.
 
     ```
     name: Enclosed
@@ -142,8 +142,8 @@ class Enclosed(PythonDiagram):
     Sampling: every `period` [s] the system and the blocks that belong to it.
 
     Args:
-        builder: holds the system and whatever blocks belong to it; it is built into this diagram.
-        system: whose ports are exported.
+        builder: holds the system and the blocks that belong to it; it is built into this diagram.
+        system: system whose ports are exported.
     """
 
     def __init__(self, builder: DiagramBuilder, system: System):

@@ -77,7 +77,7 @@ def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
     """Dotted keys with the start of something, and that time [s]."""
     for name in _TIMED:
         for key, field, start in values(getattr(scenario, name), name, "s"):
-            # A default start of a controller may belong to moves that are off; of several moves a run may reach only some.
+            # A controller's default start may belong to moves that are off, and a run may reach only some of several.
             of_several = field.name == "start" and key.split(".")[-2].isdecimal()
             if field.name not in _STARTS or (name == "controller" and (start == default_of(field) or of_several)):
                 continue
