@@ -1,7 +1,7 @@
 """Conditions and numbers as text, such as `overshoot_pct <= 5 and peak_force_N < 20` or `abs(touch.force_z) > 1`.
 
-Names may have dots. There are numbers, the operators `+ - * / **`, comparisons, and, or, not, parentheses and the
-functions `abs`, `min` and `max`: nothing else can be called.
+Names may contain dots. Allowed are numbers, the operators `+ - * / **`, comparisons, and, or, not, parentheses and the
+functions `abs`, `min` and `max`; nothing else can be called.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
 }
-# Functions, and how many arguments each takes at least and at most.
+# Functions, with the smallest and the largest number of their arguments.
 _FUNCTIONS: dict[str, tuple[Callable[..., Any], int, float]] = {
     "abs": (abs, 1, 1),
     "min": (min, 2, math.inf),
@@ -39,28 +39,28 @@ _FUNCTIONS: dict[str, tuple[Callable[..., Any], int, float]] = {
 }
 _OPPOSITE: dict[type, type[ast.cmpop]] = {ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt}
 _ANY = (-math.inf, math.inf)
-_SHOWN = 12  # names that are told when there is none of those that the expression needs
+_SHOWN = 12  # number of known names in a message about an unknown one
 
 
 class _UndefinedError(Exception):
-    """A value that the expression needs is not there."""
+    """A value that the expression needs is missing."""
 
 
 class Expression:
     """An expression over named values.
 
     Args:
-        text: as written.
-        key: that it stands at, for messages.
-        example: of one that fits there, for messages.
+        text: the expression, as written.
+        key: its dotted key, for messages.
+        example: a valid expression for that key, for messages.
 
     Attributes:
-        text: as written.
-        names: that it needs, in order of appearance.
-        texts: that it compares with, such as wood in `material == 'wood'`.
+        text: the expression, as written.
+        names: names that it needs, in order of appearance.
+        texts: texts that it compares with, such as wood in `material == 'wood'`.
 
     Raises:
-        BadInputError: it is no expression of that kind.
+        BadInputError: it is no such expression.
     """
 
     def __init__(self, text: str, key: str = "expression", example: str = "overshoot_pct <= 5 and peak_force_N < 20"):
@@ -78,8 +78,8 @@ class Expression:
         """Raise BadInputError for a name that is not among the known ones.
 
         Args:
-            known: names that there are.
-            kind: what they are, for the message.
+            known: all known names.
+            kind: what they stand for, for the message.
         """
         names = list(known)
         for name in self.names:
@@ -87,9 +87,9 @@ class Expression:
                 raise unknown(kind, name, names, _SHOWN).at(self._key)
 
     def check_condition(self) -> None:
-        """Raise BadInputError unless the expression is a condition that can hold.
+        """Raise BadInputError unless the expression is a condition that can be both true and false.
 
-        Every part of it compares something with a name, and what is compared with is a number.
+        Every part of it must be a comparison with a name in it, and terms without names must be numbers.
         """
         for part in _parts_of_condition(self._tree):
             shown = "" if part is self._tree else f": {ast.unparse(part)!r}"
@@ -114,11 +114,11 @@ class Expression:
     def check_open(
         self, true_within: Mapping[str, tuple[float, float]], false_within: Mapping[str, tuple[float, float]]
     ) -> None:
-        """Raise BadInputError for a comparison that comes out the same whatever the values are.
+        """Raise BadInputError for a comparison with the same result for all values.
 
         Args:
-            true_within: lowest and highest value by name, for comparisons that must not always be true.
-            false_within: the same for those that must not always be false.
+            true_within: lowest and highest value by name; no comparison may be true for all values in these ranges.
+            false_within: the same, but for comparisons that are false for all values.
         """
         for ranges, refused in ((true_within, True), (false_within, False)):
             for part, holds in self.settled(ranges):
@@ -128,15 +128,14 @@ class Expression:
                     raise BadInputError(text, key=self._key)
 
     def limits(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest value of what is compared with numbers at which the condition can hold.
+        """Lowest and highest value at which the condition can hold, for each term that is compared with numbers.
 
-        What is compared is named as written, such as abs(touch.force_z). Nothing is said of parts within `or` and
-        `not`.
+        Terms are keys as written, such as abs(touch.force_z). Parts inside `or` and `not` are not considered.
         """
         return self._limits(self._tree)
 
     def covers(self, other: Expression) -> bool:
-        """Whether this condition surely holds wherever another one does: its limits are all that it says."""
+        """Whether this condition certainly holds where another one does; True only if it consists of limits alone."""
         limits, others = self.limits(), other.limits()
         whole = bool(limits) and sum(map(_plain, _joined(self._tree))) == len(list(_parts_of_condition(self._tree)))
         pairs = [(limits[side], others.get(side, _ANY)) for side in limits]
@@ -157,10 +156,10 @@ class Expression:
         return found
 
     def settled(self, ranges: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, bool]]:
-        """Comparisons that come out the same whatever the values are, as written, and whether they hold.
+        """Comparisons, as written, with the same result for all values, and that result.
 
         Args:
-            ranges: lowest and highest value by name; a name that is left out may have any value.
+            ranges: lowest and highest value by name; a name without a range may have any value.
         """
         for part in _parts_of_condition(self._tree):
             if len(found := _outcomes(part, ranges)) == 1:
@@ -171,21 +170,21 @@ class Expression:
         return _outcomes(self._tree, ranges) == {True}
 
     def __call__(self, values: Mapping[str, Any]) -> Any:
-        """The value of the expression; None where it has none.
+        """The value of the expression with `values` by name; None where it is undefined.
 
-        That is: a value that it needs is None, a division by zero, a root of a negative number; in `and` and `or` where
-        no other part decides. `values`: by name.
+        It is undefined when a value that it needs is None, after a division by zero, and for a root of a negative
+        number. In `and` and `or` an undefined part counts only where no other part decides.
         """
         return self._value_or_none(self._tree, values)
 
     def deciding_value(self, values: Mapping[str, Any]) -> Any:
-        """The value that decides whether the condition holds; None where it has none.
+        """The value that decides whether the condition holds; None where it is undefined.
 
-        It is the left side of the comparison, or the first side that has a name where the left one has none. Of `and`
-        the first part counts, of `or` the first one that holds. A condition without a comparison is the value itself.
+        For a comparison it is its first term with a name in it. For `and` the first part counts, for `or` the first
+        part that holds, or else the first. For an expression without a comparison it is its value.
 
         Args:
-            values: by name.
+            values: values by name.
         """
         return self._value_or_none(self._deciding(self._tree, values), values)
 
@@ -250,7 +249,7 @@ class Expression:
                 raise _UndefinedError
             return values[name]
         if isinstance(node, ast.Constant):
-            # Numbers are real ones, so that a power ends as an overflow and not as a number of many digits.
+            # Numbers are floats, so that a large power overflows instead of becoming an integer with many digits.
             return float(node.value) if isinstance(node.value, int | float) else node.value
         if isinstance(node, ast.BoolOp):
             decides, parts = isinstance(node.op, ast.Or), [self._value_or_none(part, values) for part in node.values]
@@ -281,7 +280,7 @@ class Expression:
 
 
 def _parts_of_condition(node: ast.expr) -> Iterable[ast.expr]:
-    """What `and`, `or` and `not` join."""
+    """The operands of `and`, `or` and `not`, down to parts without them."""
     inner = node.values if isinstance(node, ast.BoolOp) else [node.operand] if isinstance(node, ast.UnaryOp) else []
     if not inner or (isinstance(node, ast.UnaryOp) and not isinstance(node.op, ast.Not)):
         yield node
@@ -291,7 +290,7 @@ def _parts_of_condition(node: ast.expr) -> Iterable[ast.expr]:
 
 
 def _joined(node: ast.expr) -> Iterable[ast.Compare]:
-    """The comparisons that must all hold."""
+    """The comparisons that must all hold: one alone, or those joined by `and`."""
     if isinstance(node, ast.Compare):
         yield node
     elif isinstance(node, ast.BoolOp) and isinstance(node.op, ast.And):
@@ -306,7 +305,7 @@ def _plain(part: ast.Compare) -> bool:
 
 
 def _denied(node: ast.expr) -> ast.expr:
-    """What holds where none of the comparisons that `or` joins does; of other conditions nothing that has limits."""
+    """The negation of an `or` of comparisons, as an `and` of the opposite ones; empty for other conditions."""
     parts = node.values if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.Or) else []
     plain = [part for part in parts if isinstance(part, ast.Compare) and _plain(part)]
     turned = [ast.Compare(one.left, [_OPPOSITE.get(type(one.ops[0]), ast.NotEq)()], one.comparators) for one in plain]
@@ -325,7 +324,7 @@ def _held(op: type, number: float, mirrored: bool) -> tuple[float, float]:
 
 
 def _outcomes(node: ast.expr, ranges: Mapping[str, tuple[float, float]]) -> set[bool]:
-    """What a condition may come out as while names lie within ranges."""
+    """Possible results of a condition for values within ranges."""
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
         return {not each for each in _outcomes(node.operand, ranges)}
     if isinstance(node, ast.BoolOp):
@@ -343,12 +342,12 @@ def _pair_outcomes(op: type, left: ast.expr, right: ast.expr, ranges: Mapping[st
 
 
 def _all_or_any(outcomes: Sequence[set[bool]], by_and: bool) -> set[bool]:
-    """What parts may come out as together: joined by `and` true where all are, by `or` false where all are."""
+    """Possible results of parts joined by `and` (true where all are), or by `or` (false where all are)."""
     return {each for each, enough in ((by_and, all), (not by_and, any)) if enough(each in one for one in outcomes)}
 
 
 def _compared(op: type, left: tuple[float, float], right: tuple[float, float]) -> set[bool]:
-    """What a comparison of two numbers within ranges may come out as."""
+    """Possible results of a comparison of two numbers within ranges."""
     if op in (ast.Gt, ast.GtE):
         return _compared(ast.Lt if op is ast.Gt else ast.LtE, right, left)
     if op is ast.NotEq:
@@ -363,7 +362,7 @@ def _compared(op: type, left: tuple[float, float], right: tuple[float, float]) -
 
 
 def _range(node: ast.expr, ranges: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
-    """Lowest and highest value of a term while names lie within ranges; of what is not looked into: any."""
+    """Lowest and highest value of a term for values within ranges; unlimited for terms that are not analysed."""
     if name := _dotted(node):
         return ranges.get(name, _ANY)
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float):

@@ -1,4 +1,4 @@
-"""Units of the names in an expression: what is added, subtracted or compared has one unit."""
+"""Check of units in an expression: terms that are added, subtracted or compared must have the same unit."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _SAME = (ast.Add, ast.Sub)
 def check_units(expression: Expression, unit_of: Callable[[str], str], key: str) -> None:
     """Refuse sums, differences and comparisons of names that have different units.
 
-    A number has any unit, and so has a product, a quotient or a power: `2 * a < b` says how many b an a is worth.
+    Numbers, products, quotients and powers fit to any unit: in `2 * a < b` the number may have a unit.
 
     Args:
-        expression: as read.
-        unit_of: unit of a name; "" where it is not known.
-        key: that it stands at, for the message.
+        expression: the expression.
+        unit_of: gives the unit of a name; "" where it is unknown.
+        key: dotted key of the expression, for the message.
 
     Raises:
-        BadInputError: about the first of them.
+        BadInputError: about the first of these.
     """
     for node in ast.walk(ast.parse(expression.text.strip(), mode="eval")):
         sides: Sequence[ast.expr] = ()
@@ -43,7 +43,7 @@ def check_units(expression: Expression, unit_of: Callable[[str], str], key: str)
 
 
 def _unit(node: ast.expr, unit_of: Callable[[str], str]) -> str:
-    """Unit of a term; "" where it may be any."""
+    """Unit of a term; "" for any."""
     if isinstance(node, ast.Name | ast.Attribute):
         return unit_of(ast.unparse(node))
     if isinstance(node, ast.UnaryOp):

@@ -1,13 +1,14 @@
-"""Keys of configurations: type, unit, bounds, default and meaning of each stand once, at its field::
+"""Keys of configurations: type, unit, bounds, default and meaning of a key are declared once, at its field::
 
     @dataclass(kw_only=True)
     class IntegralConfig(Config):
         integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="not negative")
 
-The type is the annotation. A number lies in the physical range of its unit, too (`PHYSICAL`): what is outside is a slip
-of the unit or of the exponent. From there come the check when a configuration is made, the error, `forcectl list
-!Integral` and the JSON Schema. What several keys must be together is checked in `__post_init__`, after that of
-`Config`. A slot is a key that any object with the right methods may fill, see `forcectl.scenario.catalog`.
+The type is the annotation. A number must also lie in the physical range of its unit (`PHYSICAL`): a value outside is
+most likely an error of the unit or of the exponent. The declaration serves the check when a configuration is made, the
+error message, `forcectl list !Integral` and the JSON Schema. Conditions on several keys are checked in `__post_init__`,
+after that of `Config`. A slot is a key that any object with the right methods can fill, see
+`forcectl.scenario.catalog`.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ _WORDS = {
     "not negative": "at least zero",
     "finite": "above -inf, below inf",
 }
-_ANY = ("", "a number", "not all zero")  # bounds that are none
-# Unit -> largest absolute value, and smallest of what must not be zero. Wide: research goes far, nonsense farther.
+_ANY = ("", "a number", "not all zero")  # bounds that do not limit a single number
+# Unit -> largest absolute value, and smallest one where zero is excluded. Wide, to allow for unusual experiments.
 PHYSICAL: dict[str, tuple[float, float]] = {
     "": (1e6, 1e-15),
     "1": (1e6, 1e-6),
@@ -71,23 +72,23 @@ PHYSICAL: dict[str, tuple[float, float]] = {
     "rad/Nm": (1e3, 1e-15),
 }
 _SAME_UNIT = {"Ns/m": "N s/m", "kg m2": "kg m^2", "kg m^2/rad": "kg m^2", "rad/s2": "rad/s^2"}
-_WIDEST = (1e15, 1e-18)  # of other units
+_WIDEST = (1e15, 1e-18)  # for units that are not listed
 
 
 @dataclasses.dataclass(frozen=True)
 class Key:
-    """What there is to say of a key beside its type and default.
+    """The declaration of a key, apart from its type and default.
 
     Attributes:
-        meaning: in words; begins with what the default does not say by itself.
-        unit: of numbers, as in "rad/s"; "" for none.
-        bounds: of a number, or of each one in a list: "positive", "not negative", "above 0 and at most 1", "from -1 to
-            1", "positive or infinite"; of a list also "not all zero".
-        choices: of a text, or of each one in a list; may be a function, called when they are needed.
-        size: of a list, or of each of the innermost ones; None for any.
-        slot: that a part, or each of several, fills; "" for none.
-        each: a number that every element of a batch may have its own of: it is only handed on to blocks, or computed
-            with as an array can be.
+        meaning: description of the value, which can be understood without the key's name.
+        unit: unit of a number, as in "rad/s"; "" for none.
+        bounds: bounds of a number, or of each number in a list: "positive", "not negative", "above 0 and at most 1",
+            "from -1 to 1", "positive or infinite"; for a list also "not all zero".
+        choices: allowed texts, or a function that returns them when they are needed; empty for any text.
+        size: length of a list, or of each innermost list; None for any.
+        slot: slot that the value, or each of several parts, fills; "" for none.
+        each: whether the elements of a batch may have different numbers. The code that uses the key must then work with
+            an array, or only pass it on to blocks.
     """
 
     meaning: str = ""
@@ -100,7 +101,7 @@ class Key:
 
     @property
     def span(self) -> Interval:
-        """Of a number: its bounds within the physical range of its unit; of "m or rad" what is in one of both."""
+        """Allowed range of a number: its bounds within the range of its unit, or of either unit in "m or rad"."""
         return _span(self.bounds, self.unit)
 
     def allowed(self) -> str:
@@ -115,7 +116,7 @@ class Key:
         return ", ".join(part for part in (self.bounds, physical) if part)
 
     def chosen(self) -> list[str]:
-        """The choices there are; empty for any text."""
+        """The choices as a list; empty for any text."""
         return list(self.choices() if callable(self.choices) else self.choices)
 
 
@@ -132,18 +133,18 @@ def key(
     """A field of a configuration, see `Key`.
 
     Args:
-        default: a value, which is copied, or a function that makes one; left out: the key must be given.
+        default: a value, which is copied, or a function that makes one; without it the key is required.
     """
     return _field(default, Key(meaning, unit, bounds, choices, size, each=each))
 
 
 def slot(name: str, default: Any = REQUIRED, meaning: str = "") -> Any:
-    """A field filled by a part; one of type dict by any number of parts by their names, one of type list by several.
+    """A field that a part fills; a field of type dict holds any number of named parts, one of type list several.
 
     Args:
-        name: of the slot, a key of the catalog's table.
-        default: makes what fills it where nothing else is said; left out: it must be said.
-        meaning: in words.
+        name: name of the slot, a key of the catalog's table `SLOTS`.
+        default: makes the default part, or parts; without it the field is required.
+        meaning: description of the part.
     """
     return _field(default, Key(meaning, slot=name))
 
@@ -167,7 +168,7 @@ def _hints(cls: Any) -> dict[str, Any]:
 
 
 def key_of(field: dataclasses.Field[Any]) -> Key:
-    """What is declared of a field of a dataclass; nothing of one that is no `key`."""
+    """The declaration of a field of a dataclass; an empty one for a field that is no `key`."""
     return field.metadata.get("key", Key())
 
 
@@ -178,7 +179,7 @@ def default_of(field: dataclasses.Field[Any]) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Interval:
-    """Numbers between two bounds; an end that is left out does not belong to it."""
+    """Numbers between two bounds; with `without_low` or `without_high` that bound is excluded."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -193,10 +194,10 @@ class Interval:
 
 @cache
 def interval(bounds: str) -> Interval:
-    """The interval that bounds in words stand for; of two that say something of the same end the first counts.
+    """The interval for bounds in words; of two bounds for the same end the first counts.
 
     Raises:
-        ValueError: other words than those of `Key`.
+        ValueError: the words are not among those of `Key`.
     """
     found: dict[str, Any] = {}
     for word, number in _BOUND.findall(" ".join(_WORDS.get(part, part) for part in re.split(r"(?:, | and )", bounds))):
@@ -213,7 +214,7 @@ def _span(bounds: str, unit: str) -> Interval:
     ranges = [PHYSICAL.get(_SAME_UNIT.get(one, one), _WIDEST) for one in unit.replace(" or ", ", ").split(", ")]
     largest, smallest = max(each[0] for each in ranges), min(each[1] for each in ranges)
     own = interval(bounds)
-    # Bounds on both sides that a key has of its own go before the range of its unit.
+    # A key's own bounds on both sides take precedence over the range of its unit.
     if math.isfinite(own.low) and math.isfinite(own.high) and 0.0 not in (own.low, own.high):
         return Interval(own.low, own.high)
     low = smallest if own.low == 0 and own.without_low else max(own.low, -largest)
@@ -221,12 +222,12 @@ def _span(bounds: str, unit: str) -> Interval:
 
 
 class Config:
-    """A configuration whose keys check themselves when it is made.
+    """Base of configurations, whose keys are checked when the configuration is made.
 
-    A subclass with `in_batches=True` makes blocks for a batch in which no element knows of the others, and may differ
-    between them in the keys that say `each`. It holds for that class only, not for those derived from it.
+    A subclass with `in_batches=True` can make blocks for a batch of independent elements, which may differ in the keys
+    with `each`. The setting applies to that class only, not to classes derived from it.
 
-    `reads_of_model`: what of the scenario's part `model` its blocks read, `friction` or `masses`.
+    `reads_of_model`: groups of the scenario's part `model` that its blocks read: `friction`, `masses`.
     """
 
     in_batches: ClassVar[bool] = False
@@ -250,13 +251,13 @@ def _keys(cls: type) -> list[tuple[str, Key, Any, Any]]:
 
 
 def members(kind: Any) -> list[Any]:
-    """The types that a union is of; one type for others."""
+    """The types of a union; the type itself if it is none."""
     union = typing.get_origin(kind) in (typing.Union, types.UnionType)
     return list(typing.get_args(kind)) if union else [kind]
 
 
 def _check(name: str, value: Any, declared: Key, kind: Any, default: Any) -> None:
-    """BadInputError unless a value is of the type and within the bounds of its key."""
+    """BadInputError unless a value has the type of its key and is within its bounds."""
     kinds = members(kind)
     kind, *others = [each for each in kinds if each is not type(None)]
     if others or (value is None and type(None) in kinds):
@@ -295,7 +296,7 @@ def _check_list(name: str, values: Any, declared: Key, kind: Any) -> None:
 def _check_number(name: str, value: Any, declared: Key, kind: type, default: Any) -> None:
     whole, bounds = kind is int, declared.bounds
     number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
-    # Infinity means "no limit", and only where the declaration or the default says so.
+    # Infinity means "no limit"; it is allowed where the bounds or the default say so.
     endless = bounds.endswith(" or infinite") or (isinstance(default, float) and math.isinf(default))
     if not number or math.isnan(value) or (math.isinf(value) and not endless):
         raise invalid(name, value, "a whole number" if whole else "a finite number")
@@ -306,7 +307,7 @@ def _check_number(name: str, value: Any, declared: Key, kind: type, default: Any
 
 
 def knows_batches(part: Any) -> bool:
-    """Whether a part of a scenario, and every part in it, makes blocks for a batch; of any other object: no."""
+    """Whether a part of a scenario, and every part in it, can make blocks for a batch; no for other objects."""
     if isinstance(part, Config):
         inner = [getattr(part, field.name) for field in dataclasses.fields(part)]  # type: ignore[arg-type]
         return part.in_batches and all(map(knows_batches, inner))
@@ -319,8 +320,8 @@ def differs_by_element(part: Any, path: Sequence[str]) -> bool:
     """Whether the elements of a batch may have different values of a key.
 
     Args:
-        part: configuration that the key is in.
-        path: names from there to the key.
+        part: configuration that contains the key.
+        path: names that lead from it to the key.
     """
     for name in path[:-1]:
         part = part.get(name) if isinstance(part, dict) else getattr(part, name, None)
@@ -329,13 +330,13 @@ def differs_by_element(part: Any, path: Sequence[str]) -> bool:
 
 
 def stacked(parts: Sequence[Any]) -> Any:
-    """One configuration for a batch: as the first one, with an array (n,) of every number that may differ.
+    """One configuration for a batch: the first one, with an array (n,) in each key that may differ.
 
     Args:
-        parts: of each element. What may not differ is equal in all.
+        parts: configurations of the elements.
 
     Raises:
-        BadInputError: something else differs.
+        BadInputError: they differ in a key without `each`.
     """
     first = parts[0]
     if isinstance(first, Config) and all(type(part) is type(first) for part in parts):

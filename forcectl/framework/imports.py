@@ -1,8 +1,8 @@
-"""The one door to code that a scenario, a sweep or a command names: "package.module:Name".
+"""Import of code that a scenario, a sweep or a command names: "package.module:Name". Nothing else imports such code.
 
-A scenario is data. It may name classes, but only of modules that its user trusts: those beside the scenario's file,
-forcectl's own, those of installed packages that announce a part of forcectl, and those named by the user. Nothing of
-Python's standard library, ever. All of this is decided on the text, before anything is imported.
+A scenario is data. It may name classes, but only of modules that its user trusts: those in the folder of the scenario
+file, forcectl's own, those of installed packages with entry points of forcectl, and those named by the user. Modules of
+Python's standard library are never allowed. All this is checked on the text, before anything is imported.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from typing import Any
 from forcectl.errors import BadInputError, invalid, one_line, show, unknown
 
 OPTION = "--allow-imports"
-_NAMED = 12  # names of a module in a message
+_NAMED = 12  # largest number of a module's names in a message
 _OWN = "forcectl"
 _STANDARD = "of a module of your own or of an installed package, not of Python's standard library"
-_OF_PYTHON = ("__main__", "__builtins__", "sitecustomize", "usercustomize")  # which Python's start-up imports itself
-_beside: dict[str, Path] = {}  # modules that were loaded from beside a scenario, and its folder
+_OF_PYTHON = ("__main__", "__builtins__", "sitecustomize", "usercustomize")  # modules that Python imports at start-up
+_beside: dict[str, Path] = {}  # modules loaded from the folder of a scenario, and that folder
 
 
 @dataclass(frozen=True)
 class Imports:
-    """What may be imported.
+    """The modules that may be imported.
 
     Attributes:
-        folder: modules in it are allowed where no installed one has the name; None: in none.
-        names: further modules and packages, found beside the scenario, installed or in the working directory.
-        every: all but the standard library: who names a path in a command has allowed it.
+        folder: folder whose modules are allowed, unless an installed module has the same name; None: no folder.
+        names: further modules and packages, in the scenario's folder, installed or in the working directory.
+        every: whether all modules but the standard library are allowed, as for a path in a command.
     """
 
     folder: Path | None = None
@@ -43,10 +43,10 @@ class Imports:
     every: bool = False
 
     def check(self, path: Any, key: str) -> str:
-        """Whether the object at an import path may be imported; imports nothing. Returns the name of its module.
+        """Check that the object at an import path may be imported, without importing it. Returns its module's name.
 
         Raises:
-            BadInputError: the path has another form, leads to the standard library, or to a module that is not allowed.
+            BadInputError: the path is malformed, or names the standard library or a module that is not allowed.
         """
         module, colon, name = path.partition(":") if isinstance(path, str) else ("", "", "")
         if not (colon and name.isidentifier() and all(part.isidentifier() for part in module.split("."))):
@@ -62,7 +62,7 @@ class Imports:
         return str(module)
 
     def _check_found_within(self, module: str, name: str, key: str) -> None:
-        """Refuse a module in a package that is none, or has no such module: an import would run the package first."""
+        """Refuse a submodule that does not exist, before an import would run its package."""
         around, *rest = module.split(".")
         loaded = sys.modules.get(around)
         spec = PathFinder.find_spec(around, self._path()) or (loaded.__spec__ if loaded else find_spec(around))
@@ -76,18 +76,16 @@ class Imports:
             around = f"{around}.{part}"
 
     def check_found(self, names: Iterable[str], key: str) -> None:
-        """Refuse names of modules that no import from here could find. Only the first part of each is looked for.
-
-        Nothing is imported, and nothing said of what is within a package.
+        """Refuse names of modules that cannot be found. Only the top-level package is searched, nothing is imported.
 
         Args:
-            names: that a user allows.
-            key: that they stand at, for the message.
+            names: names of modules that a user allows.
+            key: dotted key of the names, for the message.
 
         Raises:
             BadInputError: there is no such module.
         """
-        invalidate_caches()  # a module that was written this moment
+        invalidate_caches()  # the module may have just been written
         for name in names:
             top = name.partition(".")[0]
             found = top in sys.modules or PathFinder.find_spec(top, self._path()) or find_spec(top)
@@ -96,25 +94,25 @@ class Imports:
                 raise BadInputError(f" = {show(name)}: must be {where}, but: No module named {top!r}", key=key)
 
     def load(self, path: Any, key: str) -> Any:
-        """The object behind an import path; nothing is called.
+        """Import the object at an import path; it is not called.
 
         Raises:
-            BadInputError: as in `check`; the module cannot be imported or has no such name; or the object is from a
-                module that is not allowed, which the named one only passes on.
+            BadInputError: as in `check`; the module cannot be imported or has no such name; or the object is defined in
+                a module that is not allowed, and only imported by the named one.
         """
         module, name = self.check(path, key), path.partition(":")[2]
         try:
             loaded = self._imported(module)
             if not hasattr(loaded, name):
                 public = {each: thing for each, thing in vars(loaded).items() if not each.startswith("_")}
-                top = module.partition(".")[0]  # what the package defines itself, and not what it imports
+                top = module.partition(".")[0]  # names that the package defines itself
                 own = [each for each in public if str(getattr(public[each], "__module__", "")).partition(".")[0] == top]
                 known = sorted(own or public)
                 raise BadInputError(f" = {show(path)}: {unknown(f'name in {module}', name, known, _NAMED)}", key=key)
             found = getattr(loaded, name)
         except (BadInputError, KeyboardInterrupt):
             raise
-        except BaseException as error:  # whatever the module does while it is imported or asked
+        except BaseException as error:  # the module may raise anything
             raise BadInputError(f" = {show(path)}: must be importable, but: {one_line(error)}", key=key) from error
         home = str(getattr(found, "__module__", None) or type(found).__module__) if callable(found) else module
         if _is_standard(home):
@@ -129,15 +127,15 @@ class Imports:
         return self.every or named or top in (_OWN, *announcing()) or self._beside(top)
 
     def _beside(self, top: str) -> bool:
-        """Whether a module is beside the scenario, and is what an import would find."""
-        invalidate_caches()  # a module that was written this moment
+        """Whether a module is in the scenario's folder, and an import would find that one."""
+        invalidate_caches()  # the module may have just been written
         if self.folder is None or (spec := PathFinder.find_spec(top, [str(self.folder.resolve())])) is None:
             return False
         files = _files(spec)
         if (loaded := sys.modules.get(top)) is not None and _beside.get(top) != self._home():
             spec = getattr(loaded, "__spec__", None)
             return top in _beside or (spec is not None and _files(spec) == files)
-        # A folder without code stands back behind a module in any folder after it.
+        # A folder without __init__.py ranks after a module in any later folder.
         found = PathFinder.find_spec(top, self._path())
         return found is not None and _files(found) == files
 
@@ -145,11 +143,11 @@ class Imports:
         return None if self.folder is None else self.folder.resolve()
 
     def _path(self) -> list[str]:
-        """Where modules are found: the installed ones, those beside the scenario, those in the working directory."""
+        """Search path of modules: installed ones, then the scenario's folder, then the working directory."""
         return list(dict.fromkeys([*sys.path, *(str(f) for f in (self._home(), Path.cwd()) if f is not None)]))
 
     def _imported(self, module: str) -> Any:
-        """A module; those beside the scenario and in the working directory are found, too."""
+        """Import a module, also from the scenario's folder and the working directory."""
         top, home = module.partition(".")[0], self._home()
         if _beside.get(top, home) != home:  # of another scenario
             for name in [each for each in sys.modules if f"{each}.".startswith(f"{top}.")]:
@@ -157,7 +155,7 @@ class Imports:
             del _beside[top]
         new = top not in sys.modules
         folders = [each for each in self._path() if each not in sys.path]
-        sys.path.extend(folders)  # an installed command does not look there by itself
+        sys.path.extend(folders)  # an installed command does not search there by default
         try:
             found = import_module(module)
         finally:
@@ -177,7 +175,7 @@ def allowed_names(names: Iterable[str], key: str) -> tuple[str, ...]:
     """Names of modules that a user allows, checked.
 
     Raises:
-        BadInputError: no name of a module, or one of the standard library.
+        BadInputError: a name is no name of a module, or belongs to the standard library.
     """
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
         raise invalid(key, names, "a list of names of modules")
@@ -191,7 +189,7 @@ def allowed_names(names: Iterable[str], key: str) -> tuple[str, ...]:
 
 @cache
 def announcing() -> Mapping[str, str]:
-    """Modules whose installed package announces parts of forcectl, with a tag of each. Looked for once in a process."""
+    """Modules of installed packages with entry points of forcectl, and a tag of each. Cached per process."""
     from importlib.metadata import entry_points
 
     points = [point for group in entry_points().groups if group.startswith("forcectl.") for point in _points(group)]
@@ -205,16 +203,16 @@ def _points(group: str) -> list[tuple[str, str, str]]:
 
 
 def _within(spec: ModuleSpec, package: str, name: str) -> ModuleSpec | None:
-    """A module of a package; None where there is none, or the package is no package. Runs neither."""
+    """The spec of a module in a package; None where there is none. Nothing is run."""
     if spec.submodule_search_locations is None:
         return None
     folders = list(spec.submodule_search_locations)
-    others = (finder.find_spec(f"{package}.{name}", folders) for finder in sys.meta_path)  # of editable installations
+    others = (finder.find_spec(f"{package}.{name}", folders) for finder in sys.meta_path)  # for editable installations
     return PathFinder.find_spec(name, folders) or next(filter(None, others), None)
 
 
 def _files(spec: ModuleSpec) -> list[Path]:
-    """The file of a module, or the folders of a package without one."""
+    """The file of a module; for a namespace package an `__init__.py` in each of its folders."""
     if spec.has_location and spec.origin:
         return [Path(spec.origin).resolve()]
     return [Path(folder).resolve() / "__init__.py" for folder in spec.submodule_search_locations or ()]
@@ -225,7 +223,7 @@ def _is_standard(module: str) -> bool:
 
 
 def settings_file() -> Path:
-    """Where a user's settings for all scenarios are, if there are any; see `forcectl.scenario.user_settings`."""
+    """Path of the user's settings for all scenarios, which need not exist; see `forcectl.scenario.user_settings`."""
     folder = os.environ.get("XDG_CONFIG_HOME", "")
     home = Path(folder) if os.path.isabs(folder) else Path(os.path.expanduser("~"), ".config")
     return home / "forcectl" / "settings.yaml"

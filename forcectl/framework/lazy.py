@@ -1,9 +1,9 @@
-"""Names that a package imports on first use: those of its stub, `__init__.pyi`, where each stands once::
+"""Names that a package imports on first use. They are listed once, in its stub `__init__.pyi`::
 
     __getattr__, __dir__ = lazy_names(__name__, __file__)
 
-`dir(package)` is then its table of contents, editors and type checkers read the stub, and importing the package waits
-for nothing.
+`dir(package)` lists them, editors and type checkers read the stub, and importing the package does not import its
+modules.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 def lazy_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """`__getattr__` and `__dir__` of a package with a stub.
 
-    A name of the stub that is the name of a module of the package as well stands for that module.
+    A name of the stub that is also the name of a module of the package stands for that module.
 
     Args:
         package: its `__name__`.

@@ -1,7 +1,7 @@
 """From the tree of a YAML file to dataclasses, with one-line errors.
 
-Drake's `yaml_load_typed` reads the same format, but its errors name neither file nor key, it fills objects in after
-construction (so a config could not check itself) and it does not resolve postponed annotations.
+Drake's `yaml_load_typed` reads the same format. But its errors name neither file nor key, it sets fields after
+construction (so a configuration could not check itself), and it does not resolve postponed annotations.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from forcectl.errors import BadInputError, invalid, one_line, show, unknown
 from forcectl.framework.fields import REQUIRED, Key, default_of, key_of, members, typed_fields
 from forcectl.framework.yaml_tree import Tagged, Tree, is_object
 
-_LONGEST_NAME = 100  # characters of the name of a part
+_LONGEST_NAME = 100  # [characters] of the name of a part
 PART_NAME = f"1 to {_LONGEST_NAME} printable characters without '/'"
 _PRIMITIVES: dict[Any, str] = {
     float: "a number",
@@ -41,7 +41,7 @@ class Reader:
     """Builds dataclasses from trees.
 
     Args:
-        where: says for a dotted key where its value came from (file and line, or an option); begins every message.
+        where: gives the origin of the value at a dotted key (file and line, or an option), which begins each message.
     """
 
     def __init__(self, where: Callable[[str], str] = lambda key: ""):
@@ -51,7 +51,7 @@ class Reader:
         """An instance of dataclass `cls` at a dotted key.
 
         Raises:
-            BadInputError: an unknown or missing key, a wrong type, or a value that the class itself refuses.
+            BadInputError: an unknown or missing key, a wrong type, or a value that the class refuses.
         """
         self._missing: dict[str, str] = {}
         try:
@@ -66,7 +66,7 @@ class Reader:
     def part(self, cls: type, tree: Tree, key: str, default: Any = None) -> Any:
         """The instance of dataclass `cls` at a dotted key, None if keys are missing.
 
-        What the tree leaves out comes from `default`, else from the class.
+        Keys that the tree leaves out are taken from `default`, else from the defaults of the class.
         """
         if is_object(tree):
             return _given(cls, tree, key)
@@ -93,12 +93,12 @@ class Reader:
         return self.construct(cls, values, key) if len(self._missing) == missing else None
 
     def field(self, field: dataclasses.Field[Any], kind: Any, tree: Tree, key: str, start: Any) -> Any:
-        """`tree` as the value of a field of type `kind`; `start` is the value without it, `REQUIRED` for none."""
+        """`tree` as the value of a field of type `kind`; `start` is its default, `REQUIRED` for none."""
         endless = key_of(field).bounds.endswith(" or infinite")
         return self.value(kind, tree, key, math.inf if endless else start)
 
     def construct(self, cls: Callable[..., Any], values: Mapping[str, Any], key: str) -> Any:
-        """`cls(**values)`, with its refusal as one line about `key`."""
+        """`cls(**values)`, with any error of it as one line about `key`."""
         try:
             return cls(**values)
         except BadInputError as error:
@@ -107,7 +107,7 @@ class Reader:
             raise BadInputError(" ".join(str(error).split()), key=key or "scenario") from error
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # whatever a class of the user's does
+        except BaseException as error:  # a class of the user's may raise anything
             if cls.__module__.startswith("forcectl."):
                 raise
             raise BadInputError(f"{cls.__name__} cannot be made: {one_line(error)}", key=key or "scenario") from error
@@ -143,7 +143,7 @@ class Reader:
             found = named(tree, key)
             for name in found if dataclasses.is_dataclass(item) else ():
                 part_name(name, key)
-            if dataclasses.is_dataclass(item):  # null leaves out what a weaker layer has of that name
+            if dataclasses.is_dataclass(item):  # null removes the entry of that name in weaker layers
                 found = Tagged({name: part for name, part in found.items() if part is not None})
             return {name: self.value(item, part, join(key, name)) for name, part in found.items()}
         return _primitive(kind, tree, key, start)
@@ -163,21 +163,21 @@ class Reader:
 
 
 def _given(cls: type, given: Any, key: str) -> Any:
-    """An object given from Python at a place for instances of `cls`; the object itself is used."""
+    """An object given from Python where an instance of `cls` is needed; the object itself is used."""
     if not isinstance(given, cls):
         raise invalid(key, given, f"a mapping, or an object of class {cls.__name__}")
     return given
 
 
 def _wanted(declared: Key, kind: Any) -> str:
-    """What a key must be, in words."""
+    """Type and meaning of a key, in words."""
     value = "a part with a tag" if declared.slot else describe(kind)
     meaning = f"{declared.meaning} [{declared.unit}]" if declared.unit else declared.meaning
     return f"{value} ({meaning})" if meaning else value
 
 
 def named(tree: Tree, key: str, allowed: str = "a mapping") -> Tagged:
-    """A mapping of names to values; the error for anything else says what is allowed at the dotted key."""
+    """A mapping of names to values; BadInputError for anything else, with `allowed` as what is allowed."""
     if not isinstance(tree, Tagged) or tree.tag:
         raise invalid(key, tree, allowed)
     for name in tree:
@@ -187,10 +187,10 @@ def named(tree: Tree, key: str, allowed: str = "a mapping") -> Tagged:
 
 
 def part_name(name: str, key: str) -> str:
-    """The name of one of several parts, which becomes that of a block, a file or a column.
+    """The name of one of several parts, which is also used for a block, a file or a column.
 
     Raises:
-        BadInputError: it is empty, too long, or has characters that these may not have.
+        BadInputError: it is empty, too long, or has characters that are not allowed there.
     """
     if not is_part_name(name):
         raise BadInputError(f"the name {show(name)} must be {PART_NAME}", key=key, value=name, allowed=PART_NAME)
@@ -223,7 +223,7 @@ def _primitive(kind: Any, tree: Tree, key: str, start: Any) -> Any:
             number = float(tree)
         except OverflowError:
             number = math.inf
-        # Infinity means "no limit", and only where the default already says so.
+        # Infinity means "no limit"; it is allowed only where the default is infinite, too.
         if math.isnan(number) or (math.isinf(number) and not (isinstance(start, float) and math.isinf(start))):
             raise invalid(key, tree, "a finite number")
         return number

@@ -1,10 +1,11 @@
-"""Scenario text as a tree of plain values, and how trees are combined.
+"""Scenario text as a tree of plain values, and operations on trees.
 
-A tree is made of mappings, lists, text, numbers, true/false and null. A mapping may carry a tag, as in
+A tree consists of mappings, lists, text, numbers, true/false and null. A mapping may carry a tag, as in
 `!Integral {integral_gain: 3}`. Scalars follow YAML 1.2, as in Drake: `2e5` is a number and `on` is text.
 
 From Python a tree may also hold objects, such as the configuration of a controller. An object is a leaf: it is passed
-on as it is and never copied. A mapping merged on top of an object holds the changes, and the object as its `given`.
+on as it is, and never copied. A mapping that is merged on top of an object holds the changes, and the object in
+`given`.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from forcectl.errors import BadInputError
 from forcectl.framework.files.text_file import MOST_CHARACTERS
 from forcectl.framework.files.yaml_places import ZeroBeforeError, places
 
-_MOST_VALUES = 100_000  # in one text
-_SHALLOW = 100  # levels
+_MOST_VALUES = 100_000  # values in one text
+_SHALLOW = 100  # levels of nesting
 _MERGE = "tag:yaml.org,2002:merge"
-_UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")  # what no file of a run could hold
+_UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")  # not allowed in the files of a run
 
 Tree = Any  # a Tagged mapping, a list of trees, a scalar or an object
 
@@ -37,11 +38,11 @@ class Tagged(dict[str, Any]):
 
     Args:
         values: keys and values.
-        tag: without the `!`; None for none.
-        given: the object that the values change; None for none.
+        tag: tag without the `!`; None for none.
+        given: object that the values change; None for none.
 
     Attributes:
-        lines: of the text that the tree was read from, where each dotted key stands; only the root has them.
+        lines: line of each dotted key in the text that the tree was read from; at the root only.
     """
 
     def __init__(self, values: Mapping[str, Any] | None = None, tag: str | None = None, given: Any = None):
@@ -60,7 +61,7 @@ class _Loader(yaml.SafeLoader):
     def __init__(self, text: str):
         super().__init__(text)
         self._merging: list[yaml.MappingNode] = []
-        self._merged = 0  # keys of all mappings that others are merged into
+        self._merged = 0  # number of keys in all mappings with a merge key
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         if any(node is one for one in self._merging):
@@ -70,14 +71,14 @@ class _Loader(yaml.SafeLoader):
         super().flatten_mapping(node)
         self._merging.pop()
         self._merged += len(node.value) * merges
-        if self._merged > _MOST_VALUES:  # mappings that merge each other many times make a short text unfold
+        if self._merged > _MOST_VALUES:  # repeated merging can expand a short text without limit
             raise _refusal(node, f"more than {_MOST_VALUES} keys are merged")
 
 
 class _Dumper(yaml.SafeDumper):
     """Writes what `_Loader` reads: short lists of scalars on one line, mappings over several."""
 
-    def ignore_aliases(self, data: Any) -> bool:  # equal parts are written out, not referred to
+    def ignore_aliases(self, data: Any) -> bool:  # equal parts are written out instead of as aliases
         return True
 
     def serialize_node(self, node: Any, parent: Any, index: Any) -> None:
@@ -104,7 +105,7 @@ for _class in (_Loader, _Dumper):
     for _name, _pattern, _first in _SCALARS:
         _class.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", _pattern, _first)
     _class.add_implicit_resolver(_MERGE, re.compile(r"^(?:<<)$"), ["<"])
-_PLAIN = ("null", "bool", "int", "float", "str", "seq", "map")  # tags of YAML's own that stand for parts of a tree
+_PLAIN = ("null", "bool", "int", "float", "str", "seq", "map")  # YAML's own tags that are allowed in a tree
 _Loader.yaml_constructors = {
     tag: construct
     for tag, construct in yaml.SafeLoader.yaml_constructors.items()
@@ -141,14 +142,14 @@ def _construct_tagged(loader: _Loader, suffix: str, node: yaml.Node) -> Any:
 
 
 def _number(node: yaml.ScalarNode) -> str:
-    """The text of a number; that of one with a zero before it is octal in YAML 1.1 and decimal in YAML 1.2."""
+    """The text of a number; one with a leading zero is refused: octal in YAML 1.1, decimal in YAML 1.2."""
     if _ZERO_BEFORE.match(node.value):
         raise ZeroBeforeError(node)
     return node.value
 
 
 def _construct_int(loader: _Loader, node: yaml.ScalarNode) -> int | float:
-    # Python refuses to read (and to print) whole numbers of thousands of digits; as floats they are just infinite.
+    # Python refuses to parse and print integers of thousands of digits; as floats they are infinite.
     text = _number(node)
     return int(text) if len(text) < 300 else float(text)
 
@@ -174,7 +175,7 @@ _Dumper.add_representer(
 def parse(text: str, origin: str) -> Tree:
     """The tree of a YAML text; `origin` is a file name or an option, for messages.
 
-    Presets and the parameters of robots are asked for by every scenario: a text that was read is copied.
+    The result for a text is cached and copied, as every scenario reads the same presets and robot parameters.
 
     Raises:
         BadInputError: the text is not YAML; the message names the line and column.
@@ -195,7 +196,7 @@ def _read(text: str, origin: str) -> Tree:
         if count > _MOST_VALUES:
             raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values")
         loader = _Loader(text)
-        node = _composed(loader, text, fast=0 < depth <= _SHALLOW)  # C goes down one level per call
+        node = _composed(loader, text, fast=0 < depth <= _SHALLOW)  # the parser in C recurses once per level
         tree = None if node is None else loader.construct_document(node)
         values = _values(tree)
         for part in values:
@@ -215,14 +216,14 @@ def _read(text: str, origin: str) -> Tree:
     except RecursionError:
         raise BadInputError(f"{origin}: not valid YAML: nested too deeply") from None
     except (ValueError, TypeError, AttributeError, KeyError) as error:
-        # The parser's own slips on odd scalars and keys, for example a mapping used as a key.
+        # Errors inside the parser for odd scalars and keys, such as a mapping used as a key.
         raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
 
 
 def _written(text: str) -> tuple[int, int]:
-    """How many values a text has, at most one more than are allowed, and how deep they lie; far faster than to read it.
+    """Number of values in a text, up to one more than allowed, and their deepest level; much faster than parsing.
 
-    0 levels of a short text that is not YAML: Python reads it, whose words are shown.
+    0 levels for a short text that is not YAML: then the parser in Python reads it, whose error messages are shown.
     """
     count = depth = deepest = 0
     try:
@@ -230,29 +231,29 @@ def _written(text: str) -> tuple[int, int]:
             count += isinstance(event, yaml.NodeEvent)
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             deepest = max(deepest, depth)
-            if count > _MOST_VALUES or depth > 10 * _SHALLOW:  # which Python does not go down to
+            if count > _MOST_VALUES or depth > 10 * _SHALLOW:  # beyond Python's recursion limit
                 break
     except yaml.YAMLError:
-        if len(text) > _MOST_VALUES:  # of characters: Python takes seconds
+        if len(text) > _MOST_VALUES:  # in characters: the parser in Python would take seconds
             raise
         return 0, 0
     return count, deepest
 
 
 def _composed(loader: _Loader, text: str, fast: bool) -> yaml.Node | None:
-    """The nodes of a text; `fast`: in C, where there is a loader in C, and in Python where that one objects."""
+    """The nodes of a text; `fast`: by the loader in C, if there is one, and in Python where that one fails."""
     if fast and hasattr(yaml, "CSafeLoader"):
         quick = yaml.CSafeLoader(text)
         quick.yaml_implicit_resolvers = loader.yaml_implicit_resolvers
-        with suppress(yaml.YAMLError):  # whose words differ
+        with suppress(yaml.YAMLError):  # its messages differ
             return quick.get_single_node()
     return loader.get_single_node()
 
 
 def _values(tree: Tree) -> list[Tree]:
     found = [tree]
-    for part in found:  # which grows
-        if len(found) >= _MOST_VALUES:  # aliases make a short text unfold to any size, or to a tree without an end
+    for part in found:  # the list grows meanwhile
+        if len(found) >= _MOST_VALUES:  # aliases can expand a short text to any size, even to an infinite tree
             break
         if isinstance(part, Tagged | list):
             found.extend([*part.keys(), *part.values()] if isinstance(part, Tagged) else part)
@@ -260,7 +261,7 @@ def _values(tree: Tree) -> list[Tree]:
 
 
 def place(origin: str, lines: Mapping[str, int], key: str) -> str:
-    """File and line of a dotted key, for messages; what is not in the file stands where the part around it does."""
+    """File and line of a dotted key, for messages; a key that is not in the file has the line of the part around it."""
     while key and key not in lines:
         key = key.rpartition(".")[0]
     return f"{origin}:{lines[key]}" if key else origin
@@ -284,10 +285,10 @@ def dump(tree: Tree) -> str:
 
 
 def merge(base: Tree, over: Tree) -> Tree:
-    """`base` with the values of `over` on top; neither is changed.
+    """`base` overlaid with the values of `over`; neither is modified.
 
     Mappings are merged key by key, unless `over` has another tag: then it replaces `base` as a whole. Keys that are
-    whole numbers address the elements of a list. A tag given as text is that tag. Everything else is replaced.
+    whole numbers address the elements of a list. A tag may be given as text. Everything else is replaced.
     """
     if isinstance(over, Tagged) and over.tag is None and over.given is None:
         if isinstance(base, str):
@@ -337,10 +338,10 @@ def nest(overrides: Mapping[str, Any]) -> Tagged:
 
 
 def plain(value: Any) -> Tree:
-    """A value given from Python (dicts, tuples, NumPy numbers and arrays) as a tree; a copy of one that is a tree.
+    """A value from Python (dicts, tuples, NumPy numbers and arrays) as a tree; a tree is copied.
 
     Raises:
-        BadInputError: it is nested too deeply, or holds itself.
+        BadInputError: it is nested too deeply, or contains itself.
     """
     return _plain(value, _SHALLOW)
 
@@ -359,7 +360,7 @@ def _plain(value: Any, levels: int) -> Tree:
 
 
 def as_json(tree: Tree) -> Any:
-    """A tree as strict JSON can hold it: the tag under `_tag`, as in Drake, and infinity as text."""
+    """A tree as strict JSON: tags become entries `_tag`, as in Drake, and infinity becomes text."""
     if isinstance(tree, Tagged):
         tag = {"_tag": f"!{tree.tag}"} if tree.tag else {}
         return tag | {str(key): as_json(value) for key, value in tree.items()}
@@ -380,7 +381,7 @@ def difference(base: Tree, other: Tree) -> Tree:
 
 
 def equal(one: Tree, other: Tree) -> bool:
-    """Whether two trees have the same tags, keys and values; true is not 1 here."""
+    """Whether two trees have the same tags, keys and values; true and 1 differ."""
     if isinstance(one, Tagged) and isinstance(other, Tagged):
         return one.tag == other.tag and set(one) == set(other) and all(equal(one[k], other[k]) for k in one)
     if isinstance(one, list) and isinstance(other, list):

@@ -1,1 +1,1 @@
-"""Data files of others, looked at before they are used: tables of two columns, NetCDF."""
+"""Reading and checking of data files from users: YAML texts, tables of two columns, NetCDF."""

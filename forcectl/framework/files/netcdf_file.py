@@ -1,7 +1,7 @@
-"""What a NetCDF-4 file declares, looked at before anything of it is loaded: its size, and that it is whole in itself.
+"""Check of a NetCDF-4 file before its data are loaded: its declared size, and that it contains all its data.
 
-NetCDF-4 is HDF5, and there a few kilobytes may declare terabytes that were never written, or name other files, of which
-the data then come: by an external link, by external storage, or by a virtual dataset.
+NetCDF-4 is HDF5. There a file of a few kilobytes may declare terabytes that were never written. It may also take data
+from other files: by an external link, by external storage, or by a virtual dataset.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ from pathlib import Path
 
 from forcectl.errors import BadInputError, show
 
-_MOST_BYTES = 2e9  # [B] of all variables together, unpacked
+_MOST_BYTES = 2e9  # [B] largest size of all variables together, uncompressed
 
 
 def check_netcdf(path: Path) -> None:
-    """Refuse a file that names other files, or whose variables are too large to load. No data are read.
+    """Refuse a file that refers to other files, or whose variables are too large to load. No data are read.
 
     Args:
-        path: of the file.
+        path: path of the file.
 
     Raises:
-        BadInputError: names the file, and the variable where it is about one.
-        OSError: the file is no HDF5, or a damaged one; of a damaged one h5py raises others, too.
+        BadInputError: with the file, and the variable where it is about one.
+        OSError: the file is no HDF5 file, or is damaged; h5py may raise other errors for a damaged file.
     """
     import h5py
 

@@ -1,4 +1,4 @@
-"""Two columns of a CSV file, a value over time or over place, as people and spreadsheets write them."""
+"""Two columns of a CSV file written by hand or by a spreadsheet: a value over time or over position."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from forcectl.framework.files.text_file import table_text
 
 
 def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
-    """The columns `along`, increasing, and `value`, each of shape (k,), k >= 2. Other columns are left alone.
+    """The columns `along`, increasing, and `value`, each of shape (k,), k >= 2. Other columns are ignored.
 
     Raises:
-        BadInputError: about `path`: no such file, column or number, too few rows, or out of order.
+        BadInputError: about `path`: a missing file or column, no number, too few rows, or not increasing.
     """
     file = Path(path)
     if not file.is_file():
@@ -45,7 +45,7 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
         except (TypeError, ValueError):
             pair = (math.nan, math.nan)
         written = row[along] + row[value] if all(map(math.isfinite, pair)) else "_"
-        if "_" in written or not written.isascii():  # as Python reads digits of any script
+        if "_" in written or not written.isascii():  # Python also accepts underscores, and digits of other scripts
             told = f"{along} = {show(row[along])}, {value} = {show(row[value])}"
             raise BadInputError(f" = {show(path)} line {number}: {told}: must be finite numbers", key="path")
         if rows and not pair[0] > rows[-1][0]:
@@ -59,15 +59,15 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
 
 
 def check_steepest(path: str, along: Array, values: Array, steepest: float, *, free: float, allowed: str) -> None:
-    """Refuse points of a file between which a value changes too fast for lines to join them.
+    """Refuse a series that is too steep between two points for linear interpolation.
 
     Args:
-        path: of the file.
+        path: path of the file.
         along: shape (k,), increasing.
         values: shape (k,).
-        steepest: largest change per `along`.
-        free: change that may be as steep as it likes.
-        allowed: in words.
+        steepest: largest change of `values` per unit of `along`.
+        free: change between two points that is allowed at any slope.
+        allowed: allowed values in words.
 
     Raises:
         BadInputError: about `path`.
@@ -81,12 +81,12 @@ def check_steepest(path: str, along: Array, values: Array, steepest: float, *, f
 
 
 def check_meets(path: str, positions: Array, length: float) -> None:
-    """Refuse a series that lies wholly beyond a path.
+    """Refuse a series of positions that does not overlap with a path.
 
     Args:
-        path: of the file.
-        positions: increasing, shape (k,) [m].
-        length: of the path to both sides of its start [m].
+        path: path of the file.
+        positions: positions along the path, increasing, shape (k,) [m].
+        length: length of the path to either side of its start [m].
 
     Raises:
         BadInputError: about `path`.

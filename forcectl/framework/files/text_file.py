@@ -1,19 +1,19 @@
-"""Text of files that a user names, none of which is read without an end."""
+"""Text of files that a user names, read up to a maximum length."""
 
 from __future__ import annotations
 
 import errno
 from pathlib import Path
 
-MOST_CHARACTERS = 500_000  # of a YAML file
+MOST_CHARACTERS = 500_000  # largest length of a YAML file
 _LARGEST_TABLE = 1_000_000_000  # [bytes]
 
 
 def yaml_text(path: Path) -> str:
-    """The text of a YAML file; of one that is too long one character more than it may have.
+    """The text of a YAML file, cut off after one character more than allowed.
 
     Raises:
-        OSError: it cannot be read, or is no file: a pipe would be waited for, and a device has no end.
+        OSError: it cannot be read, or is no regular file: reading a pipe may block, and a device may never end.
         UnicodeDecodeError: it is not UTF-8.
     """
     if path.exists() and not path.is_file():

@@ -1,4 +1,4 @@
-"""Where in a YAML text a value stands: its dotted key and its line."""
+"""Places of values in a YAML text: dotted key and line."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from forcectl.errors import BadInputError
 
 
 def places(root: yaml.Node) -> Iterator[tuple[str, yaml.Node, yaml.Node]]:
-    """Every dotted key of a text, the node that it begins with, and the one of its value; the outer ones first."""
+    """Every dotted key of a text, with the node at which it begins and the node of its value; outer ones first."""
     waiting = [(root, "")]
-    for node, key in waiting:  # which grows
+    for node, key in waiting:  # the list grows meanwhile
         entries = node.value if not isinstance(node, yaml.ScalarNode) else []
         for i, entry in enumerate(entries):
             name, part = entry if isinstance(node, yaml.MappingNode) else (None, entry)
@@ -22,18 +22,18 @@ def places(root: yaml.Node) -> Iterator[tuple[str, yaml.Node, yaml.Node]]:
 
 
 class ZeroBeforeError(yaml.YAMLError):
-    """A number with a zero before it, at a node: octal in YAML 1.1 and decimal in YAML 1.2."""
+    """A number with a leading zero: octal in YAML 1.1 and decimal in YAML 1.2."""
 
     def __init__(self, node: yaml.ScalarNode):
         super().__init__(node.value)
         self._node = node
 
     def told(self, root: yaml.Node | None, origin: str) -> BadInputError:
-        """What the user is told.
+        """The error for the user.
 
         Args:
-            root: of the text.
-            origin: label for messages.
+            root: root node of the text; None where it is not known.
+            origin: label of the file in messages.
         """
         shown, line = self._node.value[:40], self._node.start_mark.line + 1
         key = next((key for key, _, part in places(root) if part is self._node), "") if root is not None else ""
