@@ -1,4 +1,4 @@
-"""The diagram doctor: what is wrong with a Drake diagram, where, and what would be right."""
+"""The diagram doctor: finds errors in a Drake diagram, says where they are, and how to correct them."""
 
 from forcectl.doctor.examine import examine, examine_builder
 from forcectl.doctor.loops import build

@@ -1,4 +1,4 @@
-"""The integration scheme that Drake gets wrong: CENIC with actuator gains and a desired velocity."""
+"""A fault in Drake's integration scheme CENIC: actuator gains with a desired velocity."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def scheme_name(scheme: str | Simulator | None) -> str:
 
 
 def refused_scheme(values: StartValues, scheme: str) -> Iterator[Finding]:
-    """CENIC takes the desired velocity of actuator PD gains with the wrong sign: an error where one may come."""
+    """An error where actuator PD gains may get a desired velocity other than zero: CENIC takes it with the wrong sign."""
     if scheme != CENIC:
         return
     for path, plant in values.wiring.leaves():
@@ -63,7 +63,7 @@ def _may_carry_velocity(values: StartValues, path: str, port: InputPort) -> bool
     """Whether the velocities of a desired state (positions, then velocities) could differ from zero at some time."""
     reader = PortAddress("input", path, int(port.get_index()))
     if values.wiring.source(reader) is None:
-        return False  # an open desired state switches the gains off
+        return False  # without a desired state the gains are not used
     if not _is_constant(values.wiring, reader):
         return True
     try:

@@ -17,7 +17,7 @@ def _shape(wiring: Wiring, port: PortAddress) -> str:
 
 
 def unconnected_inputs(wiring: Wiring) -> Iterator[Finding]:
-    """Inputs that nothing feeds, at every level; inputs of the examined diagram itself are only noted."""
+    """Unconnected inputs at every level; those of the examined diagram itself are only an info."""
     for path, system in wiring.systems.items():
         free = [port for port in wiring.inputs(path) if path and port not in wiring.sources]
         if is_library_plant(system):
@@ -45,7 +45,7 @@ def _unconnected(wiring: Wiring, port: PortAddress) -> Finding:
 
 
 def _plant_inputs(wiring: Wiring, path: str, free: list[PortAddress]) -> Iterator[Finding]:
-    """A plant's inputs are optional, but for two that change the physics silently when left open."""
+    """A plant's inputs are optional, except two that silently change the physics when they are unconnected."""
     system = wiring.systems[path]
     names = {wiring.port(port).get_name() for port in free}
     if names:
@@ -70,7 +70,7 @@ def _plant_inputs(wiring: Wiring, path: str, free: list[PortAddress]) -> Iterato
 
 
 def unused_outputs(wiring: Wiring) -> Iterator[Finding]:
-    """Outputs that nothing reads and nothing exports, at every level."""
+    """Outputs that are neither connected nor exported, at every level."""
     if wiring.root is None:
         return  # a builder does not tell which outputs it exports
     used = set(wiring.sources.values())

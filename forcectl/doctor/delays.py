@@ -1,4 +1,4 @@
-"""Delays that were not declared, that differ from what was declared, or from what is expected."""
+"""Findings about delays: undeclared ones, and those that differ from the declared or the expected delay."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from forcectl.inspect.wiring import PortAddress
 
 
 def chain_findings(values: StartValues, chain: DelayChain, expected: float | None) -> Iterator[Finding]:
-    """More than one hold on the way that nobody declared, and a total that is not the expected one."""
+    """More than one undeclared hold on the signal path, and a total delay that is not the expected one."""
     where = f"{chain.source} -> {chain.target}"
     holds = [
         row
@@ -42,11 +42,11 @@ def chain_findings(values: StartValues, chain: DelayChain, expected: float | Non
 
 
 def declared_findings(values: StartValues, hops: Hops) -> Iterator[Finding]:
-    """Every `sample_delay` of every block and nested diagram, compared with what it really does."""
+    """Every `sample_delay` of every block and nested diagram that differs from the measured delay."""
     wiring = hops.wiring
     for path, system in wiring.systems.items():
         if not path and not isinstance(system, Diagram):
-            continue  # a single block stands in the list under its own name as well
+            continue  # a single block is also listed under its name
         table = getattr(system, "sample_delay", {})
         known = declared_delays(wiring, path)
         if len(known) < len(table):
@@ -61,7 +61,7 @@ def declared_findings(values: StartValues, hops: Hops) -> Iterator[Finding]:
                 continue  # a block that cannot be run alone: nothing to compare with
             whole = sum(found)
             periods = [hop.event.period for hop in way if hop.event is not None]
-            # Each sampled block may leave its last sample uncounted, see above.
+            # Each sampled block may leave out its last sample, see `forcectl.inspect.stages`.
             allowed = [whole - sum(periods[:n]) for n in range(len(periods) + 1)]
             if not any(math.isclose(delay, value, rel_tol=1e-6, abs_tol=1e-9) for value in allowed):
                 yield warning(
@@ -73,14 +73,14 @@ def declared_findings(values: StartValues, hops: Hops) -> Iterator[Finding]:
 
 def _way_inside(hops: Hops, reader: PortAddress, output: PortAddress) -> list[Hop] | None:
     starts = list(hops.wiring.inner_inputs(reader))
-    if starts == [reader]:  # a block, where only the one hop is meant
+    if starts == [reader]:  # a block: only the hop through it
         return next(([hop] for hop in hops.through(reader, output) if hop.output == output), None)
     end = hops.wiring.source(output)
     return None if end is None else hops.shortest(starts, end, inside=reader.system)
 
 
 def _measured(values: StartValues, hops: Hops, hop: Hop) -> float | None:
-    """What a reader of the block's own period sees [s]; None when the block cannot be run alone."""
+    """The delay for a reader of the block's own period [s]; None when the block cannot run alone."""
     if hop.event is None:
         return hops.declared(hop.input, hop.output) or 0.0
     samples = samples_through(values, hop)

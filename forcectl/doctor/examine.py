@@ -1,4 +1,4 @@
-"""The doctor: look at any Drake diagram, a user's own included, and say what is wrong with it."""
+"""The doctor: examines any Drake diagram, also a user's own, and reports errors in it."""
 
 from __future__ import annotations
 
@@ -37,22 +37,23 @@ def examine(
 ) -> Report:
     """Examine a diagram, or a single block, and everything inside it.
 
-    Nothing of the given system is changed; contexts are the doctor's own. To see their timing, blocks are run alone
-    for some samples from their start values, except Drake's own blocks with abstract inputs (visualizers, drivers).
+    The system is not changed, as the doctor uses its own contexts. To find their events, blocks are simulated alone for
+    some samples from their start values, except Drake's own blocks with abstract inputs (visualizers, drivers).
 
-    The delay tables lead once around the loop, from the command to the contact force, to the sensor and back to the
-    command; `Report.dead_time` is their sum. With `sensor` and `command` they lead from the one to the other and back.
+    The delay tables follow the signal once around the loop, from the command to the contact force, to the sensor and
+    back to the command; `Report.dead_time` is their sum. With `sensor` and `command` they lead from the one to the
+    other and back.
 
     Args:
         system: any Diagram or LeafSystem.
-        sensor: where the delay table begins: an output ("station.measured_force", or ("station", "measured_force")) or
-            an input of a block (then the block's own delay counts). Default: the output called `measured_force`.
-        command: where the delay table ends. Default: one of `inspect.delay.COMMANDS`.
-        expected_delay: the delay that the way from `sensor` to `command` should have [s]; another one is an error.
-        scheme: integration scheme it is to be simulated with, by Drake's name, or a simulator that has one.
+        sensor: start of the delay table: an output ("station.measured_force", or ("station", "measured_force")) or an
+            input of a block (then the delay of that block counts). Default: the output called `measured_force`.
+        command: end of the delay table. Default: one of `inspect.delay.COMMANDS`.
+        expected_delay: expected delay from `sensor` to `command` [s]; a different delay is an error.
+        scheme: integration scheme for the simulation, by Drake's name, or a simulator that has one.
 
     Raises:
-        BadInputError: `sensor` or `command` name no port, or several; `scheme` is none of Drake's.
+        BadInputError: `sensor` or `command` name no port, or several; `scheme` is not a scheme of Drake.
     """
     if not isinstance(system, System):
         raise BadInputError(f"examine() takes a Drake system, not {said_type(system)}")
@@ -112,7 +113,7 @@ def _delays(
     expected: float | None,
     findings: list[Finding],
 ) -> tuple[tuple[DelayChain, ...], float | None]:
-    """The tables, and their sum where they close a loop; what is wrong with them is added to `findings`."""
+    """The delay tables, and their sum where they form a loop; findings about them are added to `findings`."""
     defaults = ways_around(values.wiring)
     asked = not (sensor is None and command is None and expected is None)
     ways = defaults
@@ -132,7 +133,7 @@ def _delays(
     if (chain := chains.get((source, target))) is None and ways:
         where = f"{source} -> {target}"
         findings.append(error("no-way", where, text) if asked else info("open-loop", where, text))
-    elif chain is not None and (asked or source == SENSOR):  # plant and sensor may hold as often as they like
+    elif chain is not None and (asked or source == SENSOR):  # holds in plant and sensor are not reported
         findings += chain_findings(values, chain, expected)
     total = clean(sum(chain.total for chain in chains.values())) if closed and len(chains) == len(ways) else None
     return tuple(chains.values()), total

@@ -1,4 +1,4 @@
-"""Outputs without declared prerequisites, and with too few."""
+"""Findings about outputs without declared prerequisites, or with too few."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from forcectl.framework.wiring import input_names
 from forcectl.inspect.start import FAILURES, StartValues
 from forcectl.inspect.wiring import PortAddress, Wiring, is_python_block, is_vector
 
-_OUTPUT_ENTRY = re.compile(r"output port (\d+)\(")  # how Drake describes the cache entry of an output port
+_OUTPUT_ENTRY = re.compile(r"output port (\d+)\(")  # Drake's description of the cache entry of an output port
 
 
 def undeclared_prerequisites(wiring: Wiring) -> Iterator[Finding]:
-    """Outputs of Python blocks with state and inputs that never said what they depend on.
+    """Outputs without declared prerequisites, of Python blocks with state and inputs.
 
-    Drake then assumes that they depend on everything: the output is computed again at every instant, and every
-    input counts as feedthrough, which makes algebraic loops that are not there.
+    Drake then assumes that they depend on everything. The output is computed again at every instant, and every input
+    counts as feedthrough, which makes false algebraic loops.
     """
     for path, system in wiring.leaves():
         state = system.num_continuous_states() or system.num_discrete_state_groups() or system.num_abstract_states()
@@ -39,7 +39,7 @@ def undeclared_prerequisites(wiring: Wiring) -> Iterator[Finding]:
 
 
 def missing_prerequisites(values: StartValues) -> Iterator[Finding]:
-    """Outputs of Python blocks that change with an input within one instant, and did not say so."""
+    """Outputs of Python blocks that change with an input within one instant without declaring it."""
     wiring = values.wiring
     for path, system in wiring.leaves():
         if not is_python_block(system):
@@ -59,9 +59,9 @@ def missing_prerequisites(values: StartValues) -> Iterator[Finding]:
 
 
 def _changes(values: StartValues, output: PortAddress, reader: PortAddress) -> bool:
-    """Whether an output is another one at the start when one of its block's inputs is, and is repeatable else."""
+    """Whether the start value of an output changes with an input of its block, and is repeatable without a change."""
     try:
-        with np.errstate(all="ignore"):  # a step may lead to where the block never is
+        with np.errstate(all="ignore"):  # a step may lead to values that the block is not made for
             first, again, other = (
                 values.wiring.port(output).Eval(_stepped(values, reader, step)) for step in (0.0, 0.0, 1.0)
             )
@@ -88,7 +88,7 @@ def _depend_on_everything(system: System) -> set[int]:
     found: set[int] = set()
     left = set(range(system.num_output_ports()))
     index = 0
-    while left:  # every output of a leaf has its entry, and an index past the last entry must not be asked for
+    while left:  # every output of a leaf has an entry; an index past the last entry is not allowed
         entry = system.get_cache_entry(CacheIndex(index))
         index += 1
         if match := _OUTPUT_ENTRY.match(entry.description()):

@@ -1,4 +1,4 @@
-"""Algebraic loops as a path, before Drake's builder refuses them."""
+"""Algebraic loops, reported as a path of ports before Drake's builder refuses them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ADVICE = (
 
 
 def algebraic_loops(wiring: Wiring) -> Iterator[Finding]:
-    """Ports that need themselves within one instant: at least one finding for every group of entangled ports."""
+    """Algebraic loops: at least one finding for each group of ports that depend on each other."""
     for loop in _loops(wiring):
         names = [name for output, reader in loop for name in map(wiring.name, (output, reader))]
         path = " -> ".join([*names, names[0]])
@@ -57,7 +57,7 @@ def _loops(wiring: Wiring) -> Iterator[list[tuple[PortAddress, PortAddress]]]:
 
 
 def _builders_at(traceback: TracebackType | None) -> Iterator[DiagramBuilder]:
-    """The builders that the functions of a traceback hold, the innermost first."""
+    """The builders among the local variables in a traceback, the innermost first."""
     frames = [frame.f_locals for frame, _ in walk_tb(traceback)]
     for variables in reversed(frames):
         values = [*variables.values(), *getattr(variables.get("self"), "__dict__", {}).values()]
@@ -65,7 +65,7 @@ def _builders_at(traceback: TracebackType | None) -> Iterator[DiagramBuilder]:
 
 
 def build(builder: DiagramBuilder) -> Diagram:
-    """`builder.Build()`, where an algebraic loop is reported as a path.
+    """`builder.Build()`, but with an algebraic loop reported as a path.
 
     Raises:
         BadInputError: the diagram has an algebraic loop.
@@ -80,10 +80,11 @@ def build(builder: DiagramBuilder) -> Diagram:
 
 
 def loop_behind(error: BaseException) -> BadInputError | None:
-    """The algebraic loop, as a path, for which Drake refused a diagram; None where it refused it for another reason.
+    """The error with the path of the algebraic loop for which Drake refused a diagram; None for another reason.
 
     Args:
-        error: of Drake; the builder is among the variables of the function that called `Build()`, or of its `self`.
+        error: error of Drake. The builder must be a variable of the function that called `Build()`, or an attribute of
+            its `self`.
     """
     if "algebraic loop" not in str(error):
         return None

@@ -1,4 +1,4 @@
-"""The delay between two ports of a diagram, measured from outside: step one and watch the other."""
+"""The delay between two ports of a diagram, measured by a step at one and the response at the other."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from forcectl.inspect.start import StartValues, fix_open_inputs
 from forcectl.inspect.ways import Hops
 from forcectl.inspect.wiring import Wiring, context_of, is_vector
 
-_ROUNDING = 1e-12  # of the size of a signal
+_ROUNDING = 1e-12  # rounding error relative to the largest value of a signal
 
 
 def measure_delay(
@@ -32,31 +32,31 @@ def measure_delay(
     threshold: float | None = None,
     context: Context | None = None,
 ) -> float | None:
-    """Time from a step at one port until another port differs from a run without the step.
+    """The time from a step at one port until another port differs from a run without the step.
 
-    The step comes just before the updates at `start`; the target is read every `tick` just before the updates of
-    that instant, as a discrete block of period `tick` would read it. A feedthrough gives 0, one sampled block its
-    period. A continuous filter on the way answers at the first tick, if only by little: give a `threshold` to ask for
-    a visible answer. Where `source` is inside of the system, its readers are held at its value from `start` on, in both
-    runs: a loop that is closed over it is cut open there.
+    The step comes just before the updates at `start`. The target is read every `tick`, just before the updates of that
+    instant, as a discrete block of period `tick` would read it. Feedthrough gives 0, one sampled block its period. A
+    continuous filter responds a little already at the first tick: `threshold` sets the smallest response that counts.
+    Where `source` is inside of the system, its readers are held at its value from `start` on, in both runs: a loop
+    through it is opened there.
 
     Args:
         system: any diagram or block.
-        source: a vector port by name or path, of the system or of a block inside; where nothing on the way reads this
-            output, what it is computed from is stepped.
-        target: a vector output, likewise.
+        source: a vector port by name or path, of the system or of a block inside. Where nothing on the path reads this
+            output, the step is applied to the port that it is computed from.
+        target: a vector output by name or path.
         tick: resolution [s], usually the control period.
-        amplitude: size of the step, unit of the source, not zero, of all elements or of each: a step of all joints
-            alike may leave the contact force as it is.
-        start: when the step comes, after the time of the context [s], a multiple of `tick`; matters where periods
+        amplitude: size of the step in the unit of the source, not zero; one number, or one for each element. An equal
+            step of all joints may leave the contact force unchanged.
+        start: time of the step after the time of the context [s], a multiple of `tick`; it matters where periods
             differ.
-        longest: when to give up, after `start` [s].
-        threshold: largest difference that still counts as no answer, unit of the target; default 1e-12 of the largest
-            value that any of its elements has had since the step, which is no more than rounding.
-        context: where both runs start; default the default context. Open vector inputs are held at zero.
+        longest: longest delay that is measured, from `start` on [s].
+        threshold: largest difference that counts as no response, in the unit of the target. Default: 1e-12 of the
+            largest value of any of its elements since the step, which is within rounding errors.
+        context: start of both runs; default: the default context. Unconnected vector inputs are held at zero.
 
     Returns:
-        The delay [s], or None when nothing changed.
+        The delay [s], or None without a response.
 
     Raises:
         BadInputError: unknown port, abstract port, or a value out of range.
@@ -82,7 +82,7 @@ def measure_delay(
         own = system.CreateDefaultContext() if context is None else context.Clone()
         fix_open_inputs(wiring, own)
         runs.append(Simulator(system, own))
-        # A context that has already run must not go through the initialisation events once more.
+        # In a context that has already run, initialisation events must not be repeated.
         runs[-1].Initialize(InitializeParams(suppress_initialization_events=own.get_time() > 0))
         times = instants(own.get_time() + start, tick, round(longest / tick) + 1)
         if start > 0:
@@ -96,7 +96,7 @@ def measure_delay(
     contexts = [context_of(wiring.systems[end.system], system, run.get_context()) for run in runs]
     largest = 0.0
     for k, time in enumerate(times):
-        if k > 0:  # at k = 0 AdvanceTo would already carry out the updates of this instant
+        if k > 0:  # at k = 0 AdvanceTo would already perform the updates of this instant
             for run in runs:
                 run.AdvanceTo(time)
         values = np.array([watched.Eval(each) for each in contexts])

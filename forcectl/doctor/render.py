@@ -16,7 +16,7 @@ from forcectl.doctor.report import SEVERITIES, Report
 from forcectl.inspect.delay import DelayChain
 from forcectl.inspect.events import PeriodicEvent
 
-_NARROW = 120  # [characters] of a terminal that is not wide enough for all columns of a delay
+_NARROW = 120  # [characters] terminals narrower than this do not fit all columns of a delay table
 _STYLE = {"error": "bold red", "warning": "yellow", "info": "dim"}
 
 
@@ -55,7 +55,7 @@ def as_html(report: Report) -> str:
 
 
 def _events(events: tuple[PeriodicEvent, ...], narrow: bool) -> Table:
-    """One row per timing; blocks of the same timing stand together."""
+    """One row per period, offset and kind, with all blocks that have these."""
     groups: dict[tuple[float, float, str], list[str]] = {}
     for event in events:
         groups.setdefault((event.period, event.offset, event.kind), []).append(event.block)
@@ -77,7 +77,7 @@ def _delays(chain: DelayChain) -> Table:
 
 
 def _delay_lines(chain: DelayChain) -> Table:
-    """The same for a narrow terminal: a block on a line of its own, what there is to say of it below."""
+    """The delay table for a narrow terminal: each block on a line, with its details below."""
     table = _table(_delay_title(chain), "delay [s]", "block")
     for row in chain.rows:
         samples = f", {row.samples} sample{'s' * (row.samples != 1)}" if row.samples else ""
@@ -111,10 +111,10 @@ def _table(title: str, *columns: str) -> Table:
 
 
 class Folded:
-    """Text that is broken at a space, where a word is too long for the column after a slash, else after an underscore.
+    """Text that is wrapped at spaces; a word that is too long is broken after a slash, or else after an underscore.
 
     Args:
-        text: without markup.
+        text: plain text without markup.
     """
 
     def __init__(self, text: str):
@@ -131,12 +131,12 @@ class Folded:
 
 
 def fold(text: str, width: int) -> list[str]:
-    """A line in pieces of at most `width` characters; a name without a slash or an underscore stays whole."""
+    """A line in pieces of at most `width` characters; a word without a slash or an underscore is not broken."""
     return [line.rstrip() for line in _pieces(text, width, " /_") if line.strip()] or [""]
 
 
 def _pieces(text: str, width: int, marks: str) -> list[str]:
-    """Pieces that are broken after the first of the marks that is enough, with the spaces at their ends."""
+    """A text in pieces of `width`, broken after the first mark, and long pieces after the next marks."""
     lines = [""]
     for piece in re.split(f"(?<={marks[0]})", text):
         if len(lines[-1]) + len(piece.rstrip()) <= width:

@@ -1,4 +1,4 @@
-"""Blocks that do not repeat themselves: memory outside of the Context, random numbers, clocks."""
+"""Blocks that are not repeatable: memory outside of the Context, random numbers, clocks."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from forcectl.inspect.start import FAILURES, StartValues
 from forcectl.inspect.wiring import PortAddress, Wiring, is_python_block, is_vector
 
 _SAMPLES = 4
-_PERIOD = 0.01  # [s], of the samples where a block has no period of its own
+_PERIOD = 0.01  # [s], time between samples of a block without a period
 _PLAIN = (bool, int, float, complex, str, list, tuple, dict, set, np.ndarray, np.generic)  # types that are compared
 
 
 def not_repeatable(values: StartValues, timing: Timing) -> Iterator[Finding]:
-    """Python blocks that give different outputs in two runs from the same start values, each in a Context of its own.
+    """Python blocks with different outputs in two runs from the same start values, each in a Context of its own.
 
-    Vector inputs are one more than at the start, so that an integral has something to add up, or as they are there
-    where the block cannot be run with that.
+    Vector inputs are the start values plus one, so that an integrator has an input other than zero. Where a block
+    cannot run with these, they are the start values.
     """
     for path, system in values.wiring.leaves():
         if not is_python_block(system) or path in timing.failures:
@@ -55,14 +55,14 @@ def not_repeatable(values: StartValues, timing: Timing) -> Iterator[Finding]:
 def _run(
     values: StartValues, path: str, outputs: list[PortAddress], times: list[float], more: float
 ) -> list[list[str]]:
-    """What each output shows at the times of a run."""
+    """The value of each output at the times of a run, as text."""
     system, context = values.wiring.systems[path], values.block_context(path)
     for address in values.wiring.inputs(path) if more else ():
         port = values.wiring.port(address)
         if is_vector(port) and port.HasValue(context):
             port.FixValue(context, port.Eval(context) + more)
     simulator = Simulator(system, context)
-    # Control of errors would not end where a rate is NaN.
+    # An error-controlled integrator would not end where a derivative is NaN.
     config = SimulatorConfig(integration_scheme="explicit_euler", max_step_size=times[1] - times[0])
     ApplySimulatorConfig(config, simulator)
     simulator.Initialize()
@@ -75,7 +75,7 @@ def _run(
 
 
 def _shown(wiring: Wiring, output: PortAddress, context: Context) -> str:
-    """The bits of a vector, or what a value of plain type shows; nothing of other values."""
+    """The bits of a vector, or the text of a value of a plain type; "" for other values."""
     port = wiring.port(output)
     value = port.Eval(context)
     return value.tobytes().hex() if is_vector(port) else _plain(value)
@@ -86,5 +86,5 @@ def _plain(value: object) -> str:
 
 
 def _attributes(system: System) -> dict[str, str]:
-    """What the attributes of a block show, those of plain types only."""
+    """The values of a block's attributes as text, for plain types only."""
     return {name: _plain(value) for name, value in vars(system).items()}

@@ -1,4 +1,4 @@
-"""What the doctor found, as plain data: no Drake object is kept alive by a report."""
+"""The result of an examination as plain data, without references to Drake objects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SEVERITIES = ("error", "warning", "info")
 
 @dataclass(frozen=True)
 class Finding:
-    """One observation: what is where, and what would be right."""
+    """One finding: what was found, where, and how to correct it."""
 
     severity: str  # one of SEVERITIES
     code: str  # short and stable, such as "unconnected-input"
@@ -37,12 +37,12 @@ class Report:
     """All findings and tables of one examination.
 
     Attributes:
-        name: of the diagram.
+        name: name of the diagram.
         findings: errors first, then warnings, then infos.
-        feedthrough: every output and what it passes on within the same instant.
-        events: every periodic event.
-        delays: the ways through the diagram that were looked at, in the order of the signal.
-        dead_time: sum of these delays where they lead once around a loop [s], else None.
+        feedthrough: every output with the inputs that have direct feedthrough to it.
+        events: all periodic events.
+        delays: delays of the examined signal paths, in the order of the signal.
+        dead_time: sum of these delays where the paths form one loop [s], else None.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Report:
 
     @property
     def counts(self) -> str:
-        """How many findings there are of each severity, in words."""
+        """Number of findings of each severity, as text."""
         return ", ".join(f"{len(self.of_severity(s))} {s}" for s in SEVERITIES)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""Sample periods that do not fit each other, and blocks whose updates fail."""
+"""Findings about sample periods that are no multiples of each other, and about blocks whose updates fail."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from forcectl.inspect.start import StartValues
 
 
 def failed_updates(values: StartValues, timing: Timing) -> Iterator[Finding]:
-    """Blocks that could not be run alone, by their own fault or for want of an input."""
+    """Blocks that could not run alone, because of an error in them or a missing input."""
     for path, failure in timing.failures.items():
         system, context = values.wiring.systems[path], values.block_context(path)
         ports = (system.get_input_port(i, False) for i in range(system.num_input_ports()))
@@ -29,7 +29,7 @@ def failed_updates(values: StartValues, timing: Timing) -> Iterator[Finding]:
 
 
 def timing_findings(events: tuple[PeriodicEvent, ...]) -> Iterator[Finding]:
-    """Periods that do not divide each other, and updates that are out of step; publishing is only noted."""
+    """Periods that do not divide each other, and offsets that never coincide; only an info for publish events."""
     seen: dict[tuple[bool, float, float], PeriodicEvent] = {}
     for event in events:
         seen.setdefault((event.kind == "publish", event.period, event.offset), event)

@@ -1,4 +1,4 @@
-"""Wires that join two units or two frames."""
+"""Connections between ports of different units or frames."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from forcectl.inspect.wiring import PortAddress, Wiring
 
 
 def _some_of(one: str, other: str) -> bool:
-    """Whether all units of one port are among those of the other: "m" and "m,rad", of which each element has one."""
+    """Whether the units of one port are a subset of those of the other, such as "m" and "m,rad"."""
     units, others = set(one.split(",")), set(other.split(","))
     return units <= others or others <= units
 
 
 def mismatches(wiring: Wiring) -> Iterator[Finding]:
-    """Wires whose two ends mean different units, by `conventions.unit_of` and the blocks' `port_units`.
+    """Connections between ports of different units, by `conventions.unit_of` and the blocks' `port_units`.
 
     Frames are compared where both blocks name them in a `port_frames` attribute, {port name: frame}.
     """

@@ -11,13 +11,13 @@ from forcectl.errors import one_line
 from forcectl.inspect.start import FAILURES, StartValues
 from forcectl.inspect.wiring import PortAddress, Wiring, context_of, is_vector
 
-LONGEST = 220  # characters of an error that are told
+LONGEST = 220  # largest length of an error text in a finding
 
 
 def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
     """Vector outputs that are not finite, or cannot be computed, at t = 0 in the default context.
 
-    The block where a NaN starts is an error; blocks that merely pass it on are noted.
+    The block in which a NaN originates is an error; blocks that only pass it on are an info.
     """
     wiring, root = values.wiring, values.root
     if root is None:
@@ -48,7 +48,7 @@ def _judge(wiring: Wiring, bad: dict[PortAddress, str], output: PortAddress, wha
             return info("passes-on", name, f"{what}; comes from {wiring.name(source)}")
     if what.startswith("is not"):
         return error("non-finite-output", name, f"{what}; outputs must start finite")
-    # A block with an open abstract input cannot be looked at without it; the open input itself is reported.
+    # A block with an unconnected abstract input cannot be evaluated; the input itself is reported elsewhere.
     open_abstract = [
         wiring.name(reader) for reader, source in sources.items()
         if not is_vector(wiring.port(reader)) and (source is None or not source.system)

@@ -1,4 +1,4 @@
-"""Every sample of delay from one port to another, block by block, and once around a force loop."""
+"""The delay from one port to another, block by block, and once around a force loop."""
 
 from __future__ import annotations
 
@@ -22,37 +22,37 @@ LOAD = "external_wrench"
 
 @dataclass(frozen=True)
 class DelayRow:
-    """What one block on the way adds to the delay [s]."""
+    """The delay that one block on a signal path adds [s]."""
 
     block: str
     input: str
     output: str
     kind: str  # "feedthrough", "continuous", "discrete", "unrestricted", "aperiodic" or "fixed"
     samples: int  # samples of the block's own period between input and output
-    delay: float  # [s], as the next reader on the way sees it
+    delay: float  # [s], until the next block on the path reads the value
     basis: str  # where `samples` comes from: "structure", "declared", "measured" or "assumed"
 
 
 @dataclass(frozen=True)
 class DelayChain:
-    """Every sample of delay from one port to another; times in [s]."""
+    """The delays on the signal path from one port to another; times in [s]."""
 
     source: str
     target: str
     rows: tuple[DelayRow, ...]
-    reader: str  # the block that reads the target port first, "" when a reader at the last block's own rate is meant
+    reader: str  # the block that reads the target port first; "": a reader at the last block's ticks is assumed
     total: float  # sum of the rows
-    worst: float  # with the longest wait for a slower block to look
+    worst: float  # total with the longest wait for the tick of a slower block
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where a way begins.
+    """The start of a signal path.
 
     Attributes:
-        name: the port as the user would write it in full.
-        readers: leaf inputs that are read first.
-        output: the leaf output they read; None: the way begins at these inputs.
+        name: full name of the port.
+        readers: leaf inputs at which the path begins.
+        output: leaf output that feeds them; None: the path begins at the inputs themselves.
     """
 
     name: str
@@ -61,10 +61,11 @@ class Start:
 
 
 def ends_of_way(hops: Hops, source: PortName, target: PortName) -> tuple[Start, PortAddress]:
-    """Where a way begins, behind an output or in front of an input's block, and the leaf output where it ends.
+    """The start of a signal path, at an output or at an input, and the leaf output at its end.
 
-    Often nothing on the way reads an output that is only logged, such as a true contact force beside its sensor. What
-    it is computed from in the same instant, the nearest that leads to `target`, then stands for it.
+    Often nothing on the path reads an output that is only logged, such as the true contact force beside its sensor.
+    Then the path starts at the nearest output from which it is computed by feedthrough, and from which a path leads to
+    `target`.
 
     Raises:
         BadInputError: a name that no port has, or that several different ports have.
@@ -81,9 +82,9 @@ def ends_of_way(hops: Hops, source: PortName, target: PortName) -> tuple[Start, 
 
 
 def _same_instant(wiring: Wiring, output: PortAddress) -> Iterator[PortAddress]:
-    """A leaf output and everything it is computed from without a state in between, the nearest first."""
+    """A leaf output and all outputs from which it is computed by feedthrough, the nearest first."""
     queue = [output]
-    for port in queue:  # grows on the way
+    for port in queue:  # the list grows meanwhile
         yield port
         sources = map(wiring.source, wiring.passed(port) if port.system else ())
         queue += dict.fromkeys(source for source in sources if source is not None and source not in queue)
@@ -92,14 +93,14 @@ def _same_instant(wiring: Wiring, output: PortAddress) -> Iterator[PortAddress]:
 def trace(
     values: StartValues, hops: Hops, source: PortName, target: PortName, onward: PortName | None = None
 ) -> DelayChain | None:
-    """The way of least delay from `source` to `target`, or None when there is no way.
+    """The signal path of least delay from `source` to `target`, or None when there is no path.
 
     Args:
-        values: of the diagram at its start.
-        hops: of the diagram.
+        values: start values of the diagram.
+        hops: connections through the blocks of the diagram.
         source: the first port.
         target: the last port.
-        onward: the port that the signal reaches next in a loop: what reads `target` on the way there counts.
+        onward: next port of the signal in a loop; the reader of `target` is then the block on the path to it.
 
     Raises:
         BadInputError: a name that no port has, or that several different ports have.
@@ -110,7 +111,7 @@ def trace(
         return None
     stages = stages_of(values, hops, way)
     consumers = _consumers(hops, end, set())
-    if onward is not None and None in consumers.values():  # a continuous block may only stand beside the loop
+    if onward is not None and None in consumers.values():  # a continuous reader may be outside of the loop
         consumers = _next_in_loop(hops, end, one_output(hops.wiring, onward)) or consumers
     continuous = any(event is None for event in consumers.values())
     events = [event for event in consumers.values() if event is not None] or _passed_at(hops, way)
@@ -125,10 +126,9 @@ def trace(
 
 
 def ways_around(wiring: Wiring) -> list[tuple[PortName, PortName]]:
-    """The ways that are looked at when the user names none, from the command back to the command.
+    """The default signal paths, which lead once around the loop: from command to contact force, sensor and command.
 
-    Command to contact force, contact force to sensor, sensor to command. Without a force sensor the contact force acts
-    where an external wrench does, and shows itself in the joint readings.
+    Without a force sensor the last path begins where an external wrench acts, and leads through the joint sensors.
     """
     command = next((name for name in COMMANDS if len(find_outputs(wiring, name)) == 1), None)
     truth = next((name for name in TRUTHS if len(find_outputs(wiring, name)) == 1), None)
@@ -145,10 +145,10 @@ def ways_around(wiring: Wiring) -> list[tuple[PortName, PortName]]:
 
 
 def way_and_back(hops: Hops, source: PortName, target: PortName) -> list[tuple[PortName, PortName]]:
-    """The way from `source` to `target`, and before it the way back, where both ends are outputs of blocks in a loop.
+    """The path from `source` to `target`, and before it the path back, where both are outputs of blocks in one loop.
 
     Raises:
-        BadInputError: both are one port.
+        BadInputError: both are the same port.
     """
     wiring = hops.wiring
     begins = find_outputs(wiring, source)
@@ -159,7 +159,7 @@ def way_and_back(hops: Hops, source: PortName, target: PortName) -> list[tuple[P
 
 
 def _closes(hops: Hops, source: PortName, target: PortName) -> bool:
-    """Whether the way back begins behind `source`: what stands for a target that nothing reads may lie before it."""
+    """Whether the path back starts after `source`; the substitute for a `target` that nothing reads may lie before."""
     start, end = ends_of_way(hops, target, source)
     if not named_outputs(hops.wiring, target) or start.output in find_outputs(hops.wiring, target):
         return True
@@ -167,9 +167,9 @@ def _closes(hops: Hops, source: PortName, target: PortName) -> bool:
 
 
 def _consumers(hops: Hops, output: PortAddress, seen: set[PortAddress]) -> dict[str, PeriodicEvent | None]:
-    """The sampled blocks that read an output, directly or through feedthrough, and continuous ones (None).
+    """The events of the blocks that read an output, directly or through feedthrough; None for continuous blocks.
 
-    A block that samples more slowly than one behind it, to which it passes the signal on, is left out.
+    A block is left out if it passes the signal on by feedthrough to a block with a shorter period.
     """
     found: dict[str, PeriodicEvent | None] = {}
     for reader in hops.readers.get(output, []):
@@ -190,21 +190,21 @@ def _consumers(hops: Hops, output: PortAddress, seen: set[PortAddress]) -> dict[
 
 
 def _next_in_loop(hops: Hops, end: PortAddress, onward: PortAddress) -> dict[str, PeriodicEvent | None]:
-    """The first block with state that reads an output on the way to `onward`, else what reads `onward`."""
+    """The first block with state on the path from an output to `onward`; else the readers of `onward`."""
     way = hops.shortest(hops.readers.get(end, []), onward) or []
     holding = next((hop for hop in way if hop.kind != "feedthrough"), None)
     return _consumers(hops, onward, set()) if holding is None else {holding.block: holding.event}
 
 
 def _passed_at(hops: Hops, way: list[Hop]) -> list[PeriodicEvent]:
-    """The fastest update of the blocks behind the last hold that only pass the signal on, such as a plant."""
+    """The fastest update of the blocks after the last hold, which have feedthrough for the signal, such as a plant."""
     held = max((k for k, hop in enumerate(way) if hop.event is not None), default=-1)
     updates = [hops.updates.get(hop.block) for hop in way[held + 1 :]]
     return sorted((event for event in updates if event is not None), key=lambda event: event.period)[:1]
 
 
 def _rhythm_of(hops: Hops, output: PortAddress) -> PeriodicEvent | None:
-    """The event that changes the value on an output: of the block itself or of one it passes on."""
+    """The event that changes the value of an output: of its own block, or of a block that feeds it by feedthrough."""
     update = hops.updates.get(output.system)
     feeding = hops.wiring.passed(output)
     if update is not None and not feeding:

@@ -1,7 +1,7 @@
-"""The periodic events of every block, seen by letting each block run alone for a moment.
+"""The periodic events of every block, found by simulating each block alone for a moment.
 
-pydrake does not list declared events. But a simulator that has nothing to integrate walks from event to event, so
-the times at which it stops, and the counters that went up there, give kind, period and offset exactly.
+pydrake does not list declared events. But a simulator with nothing to integrate steps from event to event. The times of
+its steps, and the counters that increase there, give kind, period and offset exactly.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from pydrake.systems.framework import Context, EventStatus, System
 from forcectl.inspect.start import FAILURES, StartValues
 from forcectl.inspect.wiring import is_python_block, is_vector
 
-_STEPS = 48  # events looked at per block
-_HORIZON = 1e4  # [s], slowest event that is found
+_STEPS = 48  # number of events that are recorded per block
+_HORIZON = 1e4  # [s], longest period that is found
 _MOMENT = 1e-9  # [s], shorter than any period
 
 
@@ -35,12 +35,12 @@ class PeriodicEvent:
 
 @dataclass(frozen=True)
 class Timing:
-    """When the blocks of a diagram do something.
+    """The events of the blocks of a diagram.
 
     Attributes:
-        events: the periodic events of all blocks.
+        events: periodic events of all blocks.
         every_step: paths of the blocks with an event at every step of the simulator.
-        failures: why a block cannot be run alone, by path.
+        failures: by path, the error of a block that cannot run alone.
     """
 
     events: tuple[PeriodicEvent, ...] = ()
@@ -49,9 +49,10 @@ class Timing:
 
 
 def read_timing(values: StartValues) -> Timing:
-    """The events of all blocks, each run alone from its start values.
+    """The events of all blocks, found by running each block alone from its start values.
 
-    Blocks of Drake with abstract inputs are run only where that has no effect outside (not visualizers and drivers).
+    Drake's own blocks with abstract inputs are not run, as they may have effects outside (visualizers, drivers), except
+    those of its primitives.
     """
     events: list[PeriodicEvent] = []
     every_step: set[str] = set()
@@ -77,9 +78,9 @@ def _acts_outside(system: System) -> bool:
 
 
 def _declared(path: str, system: System) -> list[PeriodicEvent]:
-    """What a block says about its updates without being run."""
+    """The periodic update that a block declares, without running it."""
     if isinstance(system, MultibodyPlant):
-        # With sampled output ports the whole step is one unrestricted update (measured by its delay to a controller).
+        # With sampled output ports the whole step is one unrestricted update (known from its measured delay).
         kind = "unrestricted" if system.has_sampled_output_ports() else "discrete"
         return [PeriodicEvent(path, kind, float(system.time_step()), 0.0)] if system.time_step() > 0 else []
     timing = system.GetUniquePeriodicDiscreteUpdateAttribute()
@@ -88,13 +89,13 @@ def _declared(path: str, system: System) -> list[PeriodicEvent]:
 
 def _alone(system: System, context: Context) -> Simulator:
     simulator = Simulator(system, context)
-    # One cheap derivative per event: the continuous states do not matter here, and may diverge.
+    # One derivative per event: the continuous states do not matter here, and may diverge.
     ApplySimulatorConfig(SimulatorConfig(integration_scheme="explicit_euler", max_step_size=_HORIZON), simulator)
     return simulator
 
 
 def _counters(simulator: Simulator) -> dict[str, int]:
-    """Events so far, by kind, in Drake's order at one instant."""
+    """Number of events so far, by kind, in the order that Drake handles them in at one instant."""
     return {
         "unrestricted": simulator.get_num_unrestricted_updates(),
         "discrete": simulator.get_num_discrete_updates(),
@@ -103,17 +104,17 @@ def _counters(simulator: Simulator) -> dict[str, int]:
 
 
 def _kinds_at_every_step(system: System, context: Context) -> set[str]:
-    """The kinds of events that happen in a step during which no period ends."""
+    """The kinds of events that occur in a step without any periodic event."""
     simulator = _alone(system, context)
     simulator.Initialize()
-    simulator.AdvanceTo(_MOMENT)  # carries out what is due at time zero
+    simulator.AdvanceTo(_MOMENT)  # handles the events at time zero
     before = _counters(simulator)
     simulator.AdvanceTo(2 * _MOMENT)
     return {kind for kind, count in _counters(simulator).items() if count > before[kind]}
 
 
 def _periodic_events(path: str, system: System, context: Context, busy: set[str]) -> Iterator[PeriodicEvent]:
-    """The periodic events of one block, but for the kinds that happen at every step anyway."""
+    """The periodic events of one block, except kinds that occur at every step anyway."""
     simulator = _alone(system, context)
     stops: list[tuple[float, dict[str, int]]] = []
 
@@ -128,14 +129,14 @@ def _periodic_events(path: str, system: System, context: Context, busy: set[str]
         simulator.Initialize()
         simulator.AdvanceTo(_HORIZON)
     finally:
-        simulator.clear_monitor()  # a monitor that refers to the system would keep both alive for ever
+        simulator.clear_monitor()  # the monitor and the system would otherwise keep each other alive
     for kind in stops[-1][1]:
         if kind not in busy:
             yield from _decompose(_times(stops, kind), kind, path)
 
 
 def _times(stops: list[tuple[float, dict[str, int]]], kind: str) -> list[float]:
-    """When events of one kind happened. Updates run at the start of the step after a stop, publishes at its end."""
+    """Times of the events of one kind. Updates run at the start of the step after a stop, publishes at its end."""
     at_end = kind == "publish"
     times = [stops[0][0]] if at_end and stops[0][1][kind] else []
     for (earlier, before), (later, after) in itertools.pairwise(stops):
@@ -145,7 +146,7 @@ def _times(stops: list[tuple[float, dict[str, int]]], kind: str) -> list[float]:
 
 
 def _decompose(left: list[float], kind: str, path: str) -> Iterator[PeriodicEvent]:
-    """Split times of events into periodic sequences, the earliest and fastest first."""
+    """Split times of events into periodic sequences, the earliest and those of shortest period first."""
     while len(left) >= 2:
         offset = left[0]
         for candidate in left[1:]:
@@ -165,5 +166,5 @@ def _contains(times: list[float], wanted: float) -> bool:
 
 
 def _rounded(seconds: float) -> float:
-    """A period as it was written: 0.004, not 0.0040000000000000036."""
+    """A period without its rounding error: 0.004, not 0.0040000000000000036."""
     return float(f"{seconds:.10g}")

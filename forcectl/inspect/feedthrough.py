@@ -1,4 +1,4 @@
-"""Which output passes on which input within the same instant."""
+"""Table of direct feedthrough: the inputs on which each output depends within the same instant."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from forcectl.inspect.wiring import Wiring
 
 @dataclass(frozen=True)
 class FeedthroughRow:
-    """One output port and the input ports it passes on within the same instant."""
+    """One output port and the input ports that have direct feedthrough to it."""
 
     block: str
     output: str
@@ -18,9 +18,9 @@ class FeedthroughRow:
 
 
 def feedthrough_table(wiring: Wiring) -> tuple[FeedthroughRow, ...]:
-    """One row per output port of every block; of plants only the outputs that are read and pass something through.
+    """One row per output port of every block; for plants only outputs that are read and have feedthrough.
 
-    A plant with parts has some hundred outputs: to ask all of them took a third of the time of an examination.
+    A plant with parts has some hundred outputs: querying all of them took a third of the time of an examination.
     """
     rows = []
     for path, system in wiring.leaves():

@@ -1,4 +1,4 @@
-"""Names for the blocks of a diagram: the given ones, and readable ones for blocks that nobody named."""
+"""Names for the blocks of a diagram: the given ones, and readable ones for blocks without a given name."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from pydrake.systems.framework import System
 
-_AUTOMATIC = re.compile(r"@[0-9a-f]{16}$")  # Drake's own: drake/systems/Gain@000055d5c0ffee00
+_AUTOMATIC = re.compile(r"@[0-9a-f]{16}$")  # of Drake: drake/systems/Gain@000055d5c0ffee00
 
 
 def type_name(system: System) -> str:
@@ -20,13 +20,13 @@ def type_name(system: System) -> str:
 
 
 def said_type(value: object) -> str:
-    """Class name of what is no system of double, for a message: `Diagram of AutoDiffXd, where double is needed`."""
+    """Class name for a message about a wrong type, such as `Diagram of AutoDiffXd, where double is needed`."""
     name, _, scalar = type(value).__name__.partition("_𝓣")
     return f"{name} of {scalar[:-1]}, where double is needed" if scalar else name
 
 
 def is_automatic(name: str) -> bool:
-    """Whether a system's name was not given by anybody."""
+    """Whether a system's name was made by Drake, or is empty."""
     return not name or name == "_" or bool(_AUTOMATIC.search(name))
 
 
@@ -39,7 +39,7 @@ def own_name(system: System) -> str:
 def block_names(systems: Sequence[System]) -> list[str]:
     """Unique names of the blocks of one diagram.
 
-    A given name stays. A block without one is called after its type, `Gain`, and numbered where that is not enough:
+    A given name is kept. A block without one has the name of its type, `Gain`, with a number where that is not unique:
     `Gain 1`, `Gain 2`.
     """
     taken = {str(system.get_name()) for system in systems if not is_automatic(system.get_name())}

@@ -1,4 +1,4 @@
-"""Ports by the names people write, and what a port carries: size, unit, type."""
+"""Lookup of ports by the names that users write, and unit and type of a port."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ PortName = str | tuple[str, str]  # "station/sensor.measured_force", "measured_f
 
 
 def find_outputs(wiring: Wiring, name: PortName) -> list[PortAddress]:
-    """The leaf outputs that a name stands for; where no output has it, those that feed the inputs of that name.
+    """The leaf outputs that a name stands for; where no output has the name, the sources of the inputs of that name.
 
-    A bare port name means the ports of that name that are nested least: `measured_force` is the station's, not that
-    of a block inside it.
+    A bare port name means the ports of that name at the outermost level: `measured_force` is the station's, not that of
+    a block inside it.
     """
     sources = map(wiring.source, _nested_least(wiring, "output", name) or find_inputs(wiring, name))
     return list(dict.fromkeys(port for port in sources if port is not None and port.side == "output"))
 
 
 def named_outputs(wiring: Wiring, name: PortName) -> list[PortAddress]:
-    """The output ports, of blocks and of diagrams, that a name stands for: those that are nested least."""
+    """The output ports, of blocks and of diagrams, with a name, at the outermost level where there are any."""
     return _nested_least(wiring, "output", name)
 
 
 def find_inputs(wiring: Wiring, name: PortName) -> list[PortAddress]:
-    """The input ports, of blocks and of diagrams, that a name stands for: those that are nested least."""
+    """The input ports, of blocks and of diagrams, with a name, at the outermost level where there are any."""
     return _nested_least(wiring, "input", name)
 
 
@@ -50,7 +50,7 @@ def one_output(wiring: Wiring, name: PortName) -> PortAddress:
 
 
 def start_of_way(wiring: Wiring, name: PortName) -> tuple[str, list[PortAddress], PortAddress | None]:
-    """What a user's name for the start of a way stands for: its full name, and the leaf inputs or the leaf output.
+    """The port that a user names as the start of a signal path: its full name, and its leaf inputs or its leaf output.
 
     Raises:
         BadInputError: no port has this name, or several different outputs have it.
@@ -71,7 +71,7 @@ def unit(wiring: Wiring, port: PortAddress) -> str:
 
 
 def value_type(port: InputPort | OutputPort) -> str:
-    """Type held by an abstract port, as short as it can be said; "" for a vector."""
+    """Short name of the value type of an abstract port; "" for a vector port."""
     if is_vector(port):
         return ""
     try:
@@ -86,7 +86,7 @@ def value_type(port: InputPort | OutputPort) -> str:
 
 
 def _all_ports(wiring: Wiring, side: Side) -> dict[PortAddress, tuple[str, str]]:
-    """Every port, and the path and the name that it can be called by."""
+    """Every port with the path of its system and its name."""
     ports = [port for path in wiring.systems for port in (wiring.inputs if side == "input" else wiring.outputs)(path)]
     return {port: (port.system, wiring.port(port).get_name()) for port in ports}
 
@@ -106,7 +106,7 @@ def _text(name: PortName) -> str:
 
 
 def unknown_port(wiring: Wiring, name: PortName) -> BadInputError:
-    """The error for a name that no port has. A plant alone has hundreds of ports: only the nearest are listed."""
+    """The error for an unknown port. It lists only the most similar names, as a plant alone has hundreds of ports."""
     known = [_text(own) for own in (*_all_ports(wiring, "input").values(), *_all_ports(wiring, "output").values())]
     bare = {full.rpartition(".")[2]: full for full in reversed(known)}
     wanted = _text(name)

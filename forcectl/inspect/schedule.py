@@ -1,8 +1,8 @@
-"""When a change comes out at the end of a chain of sampled blocks: arithmetic on ticks, without Drake.
+"""Delay of a change through a chain of sampled blocks: arithmetic on the times of ticks, without Drake.
 
-Unrestricted updates of an instant run before discrete ones; updates of the same kind read the state from before. So a
-block adds the time from the tick at which it reads its input to the tick at which the next reader on the way reads
-its output, one period of the faster of the two; see docs/doctor.md.
+At one instant unrestricted updates run before discrete ones, and updates of the same kind read the state before the
+update. So a block adds the time from the tick at which it reads its input to the tick at which the next block on the
+path reads its output: one period of the faster of the two; see docs/doctor.md.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _MOST_PHASES = 1000
 
 @dataclass(frozen=True)
 class Stage:
-    """One row of a delay table before its delay is known; times in [s]."""
+    """One row of a delay table before its delay is computed; times in [s]."""
 
     block: str
     input: str
@@ -35,13 +35,13 @@ class Stage:
 def schedule(
     stages: list[Stage], rhythm: PeriodicEvent | None, readers: list[PeriodicEvent] | None
 ) -> tuple[list[float], float]:
-    """What each stage adds in the fastest case, and the total in the slowest case, over all phases [s].
+    """The delay of each stage in the fastest case, and the total delay in the slowest one, over all phases [s].
 
     Args:
-        stages: the blocks on the way, in order.
-        rhythm: the event that changes the source, None when it may change at any tick of the first block.
-        readers: who reads the end: events of sampled blocks; [] for nobody, which stands for a reader at the last
-            block's own ticks; None for a continuous block, which sees a new value at once.
+        stages: the blocks on the path, in order.
+        rhythm: event that changes the source; None: it may change at any tick of the first block.
+        readers: events of the sampled blocks that read the end of the path. []: none, then a reader at the ticks of the
+            last block is assumed. None: a continuous block, which reads a new value at once.
     """
     events = [stage.event for stage in stages if stage.event is not None]
     walks = [_walk(stages, start, readers) for start in _phases(rhythm, events)]
@@ -55,7 +55,7 @@ def _phases(rhythm: PeriodicEvent | None, events: list[PeriodicEvent]) -> Iterat
         yield 0.0
         return
     slowest = max(event.period for event in [first, *events])
-    # Late enough that every block has ticked before, then over one period of the slowest.
+    # From when every block has ticked, over one period of the slowest.
     late = max(event.offset for event in [first, *events])
     offset = first.offset + math.ceil(late / first.period) * first.period
     for k in range(min(_MOST_PHASES, max(1, round(slowest / first.period)))):
@@ -63,9 +63,9 @@ def _phases(rhythm: PeriodicEvent | None, events: list[PeriodicEvent]) -> Iterat
 
 
 def _walk(stages: list[Stage], start: float, readers: list[PeriodicEvent] | None) -> list[float]:
-    """What each stage adds [s] when the source changes just before the updates at `start`."""
+    """The delay of each stage [s] when the source changes just before the updates at `start`."""
     parts = [0.0] * len(stages)
-    time, rank = start, _BEFORE_ALL  # when the value at hand changed, and in which kind of update
+    time, rank = start, _BEFORE_ALL  # when the value changed, and in which kind of update
     holder: int | None = None  # the sampled stage that holds the value
     last: PeriodicEvent | None = None
     for i, stage in enumerate(stages):
@@ -83,13 +83,13 @@ def _walk(stages: list[Stage], start: float, readers: list[PeriodicEvent] | None
         holder, last = i, event
     if holder is None or last is None or readers is None:
         return parts
-    # Nobody reads in this diagram: meant is a reader at the last block's own ticks, before that block updates.
+    # Without a reader in this diagram, one at the last block's ticks, before that block's update, is assumed.
     parts[holder] += min(next_tick(reader, time, rank) for reader in readers or [last]) - time
     return parts
 
 
 def next_tick(event: PeriodicEvent, time: float, rank: int) -> float:
-    """First tick of `event` that sees a value changed at `time` by an update of `rank` (-1: before all updates)."""
+    """First tick of `event` that reads a value changed at `time` by an update of `rank` (-1: before all updates)."""
     ticks = (time - event.offset) / event.period
     same_instant = _RANK[event.kind] > rank
     k = math.ceil(ticks - 1e-6) if same_instant else math.floor(ticks + 1e-6) + 1
@@ -99,8 +99,8 @@ def next_tick(event: PeriodicEvent, time: float, rank: int) -> float:
 def instants(start: float, period: float, count: int) -> list[float]:
     """`count` instants from `start` on, a period apart [s].
 
-    Multiples of the period where the first one is, as the ticks of blocks are: a sum of floating-point numbers that is
-    the least bit above a multiple would be an instant after the updates of that tick.
+    If `start` is a multiple of the period, so are all, exactly as the ticks of blocks: a floating-point sum slightly
+    above a multiple would be an instant after the updates of that tick.
     """
     first = start / period
     whole = abs(first - round(first)) < 1e-6
@@ -108,5 +108,5 @@ def instants(start: float, period: float, count: int) -> list[float]:
 
 
 def clean(seconds: float) -> float:
-    """A sum of periods as it would be written: 0.006, not 0.006000000000000002."""
+    """A sum of periods without its rounding error: 0.006, not 0.006000000000000002."""
     return float(f"{seconds:.9g}") if abs(seconds) > 1e-12 else 0.0

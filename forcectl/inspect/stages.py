@@ -1,8 +1,8 @@
-"""How long each block on a way holds the signal: declared by the block, measured by running it alone, or assumed.
+"""The delay of each block on a signal path: declared by the block, measured by running it alone, or assumed.
 
-`sample_delay`, {(input, output): seconds}, may be given by a block or by a nested diagram. For a block that holds its
-output over a sample that is the whole period; for the exact discretisation of a continuous filter, whose first answer
-one tick later is no delay but physics, and for a block with an unrestricted update, the last sample is not counted.
+A block or a nested diagram may declare `sample_delay`, {(input, output): seconds}. For a block that holds its output
+over a sample, it is the whole period. The last sample is not counted for a block with an unrestricted update, nor for
+the exact discretisation of a continuous filter: that it responds first at the next tick is its dynamics, not a delay.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from forcectl.inspect.ways import Hop, Hops, declared_delays
 from forcectl.inspect.wiring import is_vector
 
 _MOST_SAMPLES = 200
-_STEPS = (1.0, -1.0, 1e-3)  # sizes of the disturbance: one of them should leave a dead zone or a saturation
+_STEPS = (1.0, -1.0, 1e-3)  # sizes of the disturbance, of which one should be outside of dead zones and saturation
 
 
 def stages_of(values: StartValues, hops: Hops, way: list[Hop]) -> list[Stage]:
-    """One stage per block; a nested diagram that declares the delay between its ports may stand for its blocks."""
+    """One stage per block, or one for a nested diagram that declares the delay between its ports."""
     stages: list[Stage] = []
     i = 0
     while i < len(way):
@@ -62,7 +62,7 @@ def _stage(values: StartValues, hops: Hops, hop: Hop) -> Stage:
 
 
 def _declared_diagram(hops: Hops, way: list[Hop], start: int) -> tuple[Stage, int] | None:
-    """The outermost nested diagram that declares the delay of a part of the way from `start`, and where it ends."""
+    """The outermost nested diagram that declares the delay of a part of the path from `start`, and the end of it."""
     wiring = hops.wiring
     for path in wiring.parents(way[start].block):
         for (reader, output), delay in declared_delays(wiring, path).items():
@@ -81,11 +81,11 @@ def _declared_diagram(hops: Hops, way: list[Hop], start: int) -> tuple[Stage, in
 
 
 def samples_through(values: StartValues, hop: Hop) -> int | None:
-    """Samples between a change at the input and the first change a reader of the same period sees at the output.
+    """Samples from a change at the input to the first change at the output that a reader of the same period samples.
 
-    Two copies of the block run from the same start, one with its input disturbed; the others are as at the start of the
-    diagram, or zero, where the former hold the block at a limit. The shortest count is the block's. None: no change was
-    seen within 200 samples, or the block cannot be run alone.
+    Two copies of the block run from the same start, one with its input disturbed. Other inputs have the values at the
+    start of the diagram, and also zero in further runs, as the start values may keep the block in saturation. The
+    smallest count is returned. None: no change within 200 samples, or the block cannot run alone.
     """
     if hop.event is None or isinstance(values.wiring.systems[hop.block], MultibodyPlant):
         return None

@@ -1,4 +1,4 @@
-"""Contexts to look at a diagram with: default contexts of the whole and of single blocks, their inputs fixed."""
+"""Default contexts for the examination of a diagram and of its single blocks, with fixed inputs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, System
 from forcectl.framework.wiring import optional_inputs
 from forcectl.inspect.wiring import Wiring, context_of, is_vector
 
-# A failed precondition in C++ can arrive as SystemExit; looking at a diagram must not end the process.
+# A failed precondition in C++ can raise SystemExit, which must not end the process.
 FAILURES = (Exception, SystemExit)
 
 
@@ -20,7 +20,7 @@ def is_library_plant(system: System) -> bool:
 
 
 class StartValues:
-    """Default contexts of the whole diagram and of single blocks, with open vector inputs fixed to zero."""
+    """Default contexts of the whole diagram and of single blocks, with unconnected vector inputs fixed to zero."""
 
     def __init__(self, wiring: Wiring):
         self.wiring = wiring
@@ -30,7 +30,7 @@ class StartValues:
             fix_open_inputs(wiring, self.root)
 
     def block_context(self, path: str) -> Context:
-        """A context of one block alone, its inputs fixed to what they are at the start of the whole diagram."""
+        """A context of one block alone, with its inputs fixed to their values at the start of the whole diagram."""
         system = self.wiring.systems[path]
         context = system.CreateDefaultContext()
         here = None if self.root is None else context_of(system, self.wiring.root, self.root)
@@ -48,11 +48,11 @@ class StartValues:
 
 
 def fix_open_inputs(wiring: Wiring, root: Context) -> None:
-    """Fix the open vector inputs of a diagram and of its blocks to zero; inputs that have a value keep it."""
+    """Fix unconnected vector inputs of a diagram and of its blocks to zero; inputs that have a value keep it."""
     for reader in [*wiring.inputs(""), *wiring.leaf_inputs()]:
         system, port = wiring.systems[reader.system], wiring.port(reader)
         fed = bool(reader.system) and wiring.source(reader) is not None
-        # A plant's open inputs mean "nothing applied"; a zero there could switch something on.
+        # An unconnected input of a plant means that nothing is applied; a zero could enable a function of the plant.
         optional = bool(reader.system) and (is_library_plant(system) or port.get_name() in optional_inputs(system))
         context = context_of(system, wiring.root, root)
         if is_vector(port) and not fed and not optional and not port.HasValue(context):

@@ -1,4 +1,4 @@
-"""The way of a signal through the blocks, from one port to another."""
+"""Signal paths through the blocks, from one port to another."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Elements = range | None  # of a vector; None: all
 
 @dataclass(frozen=True)
 class Hop:
-    """One block on the way, from one of its inputs to one of its outputs."""
+    """One block on a signal path, from one of its inputs to one of its outputs."""
 
     input: PortAddress
     output: PortAddress
-    # "feedthrough", "fixed" (declared delay without a sample), "continuous", "discrete", "unrestricted", "aperiodic":
-    # its state changes at every step of the simulator, or when something happens.
+    # "feedthrough", "fixed" (declared delay without a sample), "continuous", "discrete", "unrestricted", or "aperiodic"
+    # (its state changes at every step of the simulator, or at witnessed events).
     kind: str
     event: PeriodicEvent | None = None  # of a sampled block
 
@@ -33,11 +33,11 @@ class Hop:
 
 
 class Hops:
-    """Which outputs of a block an input reaches, and how.
+    """The connections through each block: which outputs an input affects, and by which kind of event.
 
     Attributes:
-        readers: the leaf inputs that read each leaf output, and each input of the whole diagram.
-        updates: the fastest periodic update of each block that has one.
+        readers: leaf inputs that read each leaf output, and each input of the whole diagram.
+        updates: fastest periodic update of each block that has one.
     """
 
     def __init__(self, wiring: Wiring, events: tuple[PeriodicEvent, ...]):
@@ -50,9 +50,9 @@ class Hops:
                 self.updates[event.block] = event
 
     def through(self, reader: PortAddress, target: PortAddress | None = None) -> list[Hop]:
-        """Every way from an input of a block to outputs of it that are read, or are the target.
+        """The hops from an input of a block to each of its outputs that is read, or is the target.
 
-        An input of a block with state may reach all of them.
+        In a block with state an input is assumed to affect all outputs.
         """
         update, system = self.updates.get(reader.system), self.wiring.systems[reader.system]
         hops = []
@@ -72,14 +72,14 @@ class Hops:
         return hops
 
     def declared(self, reader: PortAddress, output: PortAddress) -> float | None:
-        """What the block's `sample_delay` says about this way [s], None when it says nothing."""
+        """The delay that the block declares in `sample_delay` for these ports [s]; None when it declares none."""
         return declared_delays(self.wiring, output.system).get((reader, output))
 
     def shortest(self, starts: Iterable[PortAddress], target: PortAddress, inside: str = "") -> list[Hop] | None:
-        """The way with the least delay from any of the inputs `starts` to the leaf output `target`, or None.
+        """The path of least delay from any of the inputs `starts` to the leaf output `target`, or None.
 
-        A way that no block's `passed_elements` exclude is taken before a shorter one that they do. With `inside`, only
-        blocks within that nested diagram are passed.
+        A path that the blocks' `passed_elements` exclude is taken only where there is no other. With `inside`, only
+        blocks in that nested diagram are passed.
         """
         heap: list[tuple[int, float, int, int, Elements, list[Hop]]] = []
         order = itertools.count()  # entries of equal cost are never compared further
@@ -94,7 +94,7 @@ class Hops:
                 for hop in self.through(reader, target):
                     beyond = self._elements(hop, elements)
                     if beyond == range(0) and not any(self._excludes(each) for each in (*trail, hop)):
-                        continue  # other elements of a vector, by Drake's own blocks alone
+                        continue  # the signal is in other elements of a vector, by Drake's own blocks alone
                     cost = (excluded + (beyond == range(0)), delay + self._cost(hop), len(trail) + 1, next(order))
                     heapq.heappush(heap, (*cost, beyond or None, [*trail, hop]))
 
@@ -110,11 +110,11 @@ class Hops:
         return None
 
     def _elements(self, hop: Hop, elements: Elements) -> Elements:
-        """The elements of the hop's output that the signal is in, an empty range for none.
+        """The elements of the hop's output that carry the signal; an empty range for none.
 
         Args:
-            hop: through a block.
-            elements: of the hop's input, that the signal is in.
+            hop: hop through a block.
+            elements: elements of the hop's input that carry the signal.
         """
         system = self.wiring.systems[hop.block]
         if isinstance(system, Demultiplexer) and elements is not None:
@@ -130,7 +130,7 @@ class Hops:
         return passed.get(names)
 
     def _excludes(self, hop: Hop) -> bool:
-        """Whether the block says of elements that they follow an input in a fault only."""
+        """Whether the block declares `passed_elements`: its other elements follow the input only in a fault."""
         return bool(getattr(self.wiring.systems[hop.block], "passed_elements", {}))
 
     def _cost(self, hop: Hop) -> float:
@@ -141,7 +141,7 @@ class Hops:
 
 
 def declared_delays(wiring: Wiring, path: str) -> dict[tuple[PortAddress, PortAddress], float]:
-    """The entries of a system's `sample_delay` by input and output [s]; entries with unknown ports are left out."""
+    """The entries of a system's `sample_delay` by input and output port [s], without those of unknown ports."""
     table: dict[tuple[str, str], float] = getattr(wiring.systems[path], "sample_delay", {})
     if not table:
         return {}

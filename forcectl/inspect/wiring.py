@@ -1,7 +1,7 @@
-"""The wiring of a diagram: who feeds whom, level by level and between leaf blocks.
+"""The wiring of a diagram: connections at each level, and between leaf blocks.
 
-The path of the whole diagram is "", so `PortAddress("input", "", i)` is one of its own inputs; nested systems are
-called "station/sensor". A single block has the path of its name as well.
+The path of the whole diagram is "", so `PortAddress("input", "", i)` is one of its own inputs. Nested systems have
+paths such as "station/sensor". A single block has the path "" and also its name as a path.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ class DiagramLevel:
     """The inside of one diagram.
 
     Attributes:
-        path: of the diagram.
+        path: path of the diagram.
         children: paths of its blocks.
-        sources: what feeds each input of a block, and each output of the diagram: an output of a block, or an input of
-            the diagram.
+        sources: source of each input of a block and of each output of the diagram. A source is an output of a block or
+            an input of the diagram.
     """
 
     path: str
@@ -58,10 +58,10 @@ class Wiring:
     """All systems of a diagram by path, and the wires between their ports.
 
     Attributes:
-        systems: by path; "" is the whole diagram (missing for a builder).
-        names: the last part of each path, as a block is called within its diagram.
+        systems: systems by path; "" is the whole diagram (missing for a builder).
+        names: name of each block within its diagram: the last part of its path.
         levels: the inside of every diagram by its path, the outermost first.
-        sources: what feeds each port from the outside (inputs) or the inside (outputs), at all levels.
+        sources: source of each port, outside of its system for an input, inside of it for an output; at all levels.
         root: the whole diagram, None for a builder.
     """
 
@@ -91,7 +91,7 @@ class Wiring:
         children: dict[str, str] = {}
         for system, name in zip(systems, block_names(systems), strict=True):
             plain = f"{path}/{name}" if path else name
-            # A block whose name has a slash in it could have the path of a nested one.
+            # A block with a slash in its name could have the same path as a nested block.
             numbered = (f"{plain} {number}" for number in itertools.count(2))
             child = next(name for name in itertools.chain([plain], numbered) if name not in self.systems)
             children[system.get_name()] = child
@@ -125,7 +125,7 @@ class Wiring:
     def _add_builder(self, builder: DiagramBuilder) -> None:
         children = self._children("", builder.GetSystems())
         sources = self._connections(builder, children)
-        # A builder does not tell which of its inputs an exported port became, only that it was exported.
+        # A builder does not tell as which of its inputs a port is exported, only that it is.
         inputs = (port for child in children.values() for port in self.inputs(child) if port not in sources)
         exported = [port for port in inputs if builder.IsConnectedOrExported(self.port(port))]
         sources |= {port: PortAddress("input", "", number) for number, port in enumerate(exported)}
@@ -161,26 +161,26 @@ class Wiring:
     def port(self, port: PortAddress) -> InputPort | OutputPort:
         """The Drake port at this address."""
         system = self.systems[port.system]
-        # With the extra argument Drake does not print a warning for ports on their way out.
+        # The second argument suppresses Drake's warning for deprecated ports.
         return (system.get_input_port if port.side == "input" else system.get_output_port)(port.index, False)
 
     def name(self, port: PortAddress) -> str:
-        """`station/sensor.measured_force`."""
+        """Full name of a port, such as `station/sensor.measured_force`."""
         if port.system not in self.systems:
             return f"input {port.index}"  # an exported port of a builder has no name yet
         name = self.port(port).get_name()
         return f"{port.system}.{name}" if port.system else name
 
     def shown_name(self, output: PortAddress) -> str:
-        """The name under which a leaf output leaves the whole diagram, or else the outermost one nested in it that it
-        leaves: `station.measured_force`.
+        """The name under which the outermost diagram exports a leaf output, such as `station.measured_force`; the name
+        of the leaf output itself where no diagram does.
         """
         while exported := [port for port in self._fed.get(output, ()) if port.side == "output"]:
             output = exported[0]
         return self.name(output)
 
     def source(self, port: PortAddress) -> PortAddress | None:
-        """The leaf output where a port's value comes from, an input of the whole diagram, or None for nothing."""
+        """The source of a port's value: a leaf output, an input of the whole diagram, or None if unconnected."""
         while port in self.sources:
             port = self.sources[port]
         return port if port.side == "output" or not port.system else None
@@ -194,12 +194,12 @@ class Wiring:
                 yield from self.inner_inputs(inner)
 
     def fed_inputs(self, output: PortAddress) -> Iterator[PortAddress]:
-        """The leaf inputs that get their value by way of an output port, of a block or of a diagram."""
+        """The leaf inputs that read an output port of a block or of a diagram, directly or through exported ports."""
         for reader in self._fed.get(output, ()):
             yield from self.fed_inputs(reader) if reader.side == "output" else self.inner_inputs(reader)
 
     def is_read(self, output: PortAddress) -> bool:
-        """Whether an output of a block is read by another one, or leaves the diagram around it."""
+        """Whether an output of a block is connected to another block, or exported from the diagram around it."""
         return bool(self._fed.get(output))
 
     def leaf_inputs(self) -> Iterator[PortAddress]:
@@ -216,12 +216,12 @@ class Wiring:
         return readers
 
     def feedthrough(self, path: str) -> frozenset[tuple[int, int]]:
-        """Pairs (input, output) of one block that pass through within the same instant, by index."""
+        """Pairs (input, output) of a block with direct feedthrough, by index."""
         return frozenset((port.index, output.index) for output in self.outputs(path) for port in self.passed(output))
 
     def passed(self, output: PortAddress) -> list[PortAddress]:
-        """The inputs of its block that an output passes on within the same instant."""
-        if output not in self._passed:  # for each answer Drake looks at all ports of a block, in a context of its own
+        """The inputs of its block on which an output depends by direct feedthrough."""
+        if output not in self._passed:  # cached, as Drake allocates a context for every query
             system, inputs = self.systems[output.system], self.inputs(output.system)
             if not inputs or not system.HasDirectFeedthrough(output.index):
                 inputs = []
@@ -232,7 +232,7 @@ class Wiring:
 
 
 def context_of(block: System, root: System, context: Context) -> Context:
-    """The part of the context of `root` that belongs to a block in it; `root` may itself be part of another diagram."""
+    """The subcontext of a block in the context of `root`, which may itself be part of another diagram."""
     return context if block is root else root.GetSubsystemContext(block, context)
 
 
