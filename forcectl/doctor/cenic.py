@@ -34,7 +34,7 @@ def scheme_name(scheme: str | Simulator | None) -> str:
 
 
 def refused_scheme(values: StartValues, scheme: str) -> Iterator[Finding]:
-    """An error where actuator PD gains may get a desired velocity other than zero: CENIC takes it with the wrong sign."""
+    """An error where actuator PD gains may get a nonzero desired velocity, to which CENIC gives the wrong sign."""
     if scheme != CENIC:
         return
     for path, plant in values.wiring.leaves():

@@ -1,4 +1,4 @@
-"""Block-diagram graphs of any Drake diagram; called, `forcectl.graph(scenario)`, it is `forcectl.runs.entry.graph`."""
+"""Block diagrams of any Drake diagram. The call `forcectl.graph(scenario)` is that of `forcectl.runs.entry.graph`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ __getattr__, __dir__ = lazy_names(__name__, __file__)
 
 
 class _Room(ModuleType):
-    """The room `graph` is an attribute of the package, and so is the function."""
+    """Type of this module that makes it callable, as `forcectl.graph` is both this package and a function."""
 
     def __call__(self, *args: Any, **options: Any) -> Graph:
         """The picture of a scenario or of a diagram, see `forcectl.runs.entry.graph`."""
-        # The package asks for it: this room knows nothing of scenarios.
+        # By way of the top-level package, as this one does not import scenarios.
         return sys.modules["forcectl"]._draw(*args, **options)
 
 

@@ -1,12 +1,12 @@
-"""Block diagrams of any Drake diagram that people want to look at::
+"""Block diagrams of any Drake diagram, as readable pictures::
 
     from forcectl.graph.export import graph
-    picture = graph(diagram, depth=2)     # shows itself in a notebook
+    picture = graph(diagram, depth=2)     # is displayed in a notebook
     picture.save("loop.pdf")              # dot, html, mermaid, pdf, png, svg
 
-The picture reads from left to right: the forward path in one row, the wires that close loops mostly below. Nested
-diagrams are boxes that can be unfolded, ports have names, wires carry size and unit, sampled blocks their sample time.
-A state machine (`MachineChart`) is drawn likewise: modes are boxes, guards stand at the arrows.
+The picture reads from left to right: the forward path in one row, the wires that close loops mostly below it. Nested
+diagrams are boxes that can be unfolded. Ports have names, wires are labelled with size and unit, and sampled blocks
+with their sample time. A state machine (`MachineChart`) is drawn alike, with modes as boxes and guards at the arrows.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ _SUFFIXES = {".gv": "dot", ".htm": "html", ".mmd": "mermaid"}
 
 
 class _Drawing:
-    """Something that shows itself in a notebook and can be saved in every format; none needs another program."""
+    """Base of pictures, which are displayed in a notebook and can be saved in every format without other programs."""
 
     _formats = "forcectl.graph"  # module with the functions of the formats
 
     @property
     def _content(self) -> Any:
-        """What they are called with."""
+        """Argument of these functions."""
         return self
 
     def render(self, format: str) -> str | bytes:
@@ -49,14 +49,14 @@ class _Drawing:
         """
         if format not in FORMATS:
             raise unknown("format", format, FORMATS)
-        # The room imports a format when it is asked for: Matplotlib alone takes half a second.
+        # A format is imported when it is needed: Matplotlib alone takes half a second.
         return getattr(import_module(self._formats), f"to_{format}")(self._content)
 
     def save(self, path: str | os.PathLike[str], format: str | None = None) -> None:
-        """Write a file in `format`, by default the one its name ends in; a file that exists is replaced.
+        """Write a file in `format`, by default that of its suffix; an existing file is replaced.
 
         Raises:
-            BadInputError: `path` is none, or the format is unknown.
+            BadInputError: `path` is no path, or the format is unknown.
         """
         if not isinstance(path, str | os.PathLike):
             raise invalid("path", path, "the path of a file")
@@ -74,7 +74,7 @@ class Graph(_Drawing, BlockGraph):
     """The picture of a diagram."""
 
     def to_pydot(self) -> pydot.Dot:
-        """The graph as pydot objects, to be restyled: a `Cluster` per open diagram, a `Node` per block."""
+        """The graph as pydot objects that can be restyled: a `Cluster` per open diagram, a `Node` per block."""
         from forcectl.graph.formats.dot import to_pydot
 
         return to_pydot(self)
@@ -100,7 +100,7 @@ class MachineGraph(_Drawing):
         return self.chart
 
     def to_pydot(self) -> pydot.Dot:
-        """The machine as pydot objects, to be restyled: a `Node` per mode, an `Edge` per arrow."""
+        """The machine as pydot objects that can be restyled: a `Node` per mode, an `Edge` per arrow."""
         from forcectl.graph.formats.state_chart import to_pydot
 
         return to_pydot(self.chart)
@@ -130,16 +130,16 @@ def graph(
     context: Context | None = None,
     title: str = "",
 ) -> Graph | MachineGraph:
-    """The block diagram of a Drake diagram, to which it does not refer any more; or the picture of a state machine.
+    """The block diagram of a Drake diagram, without references to it; or the picture of a state machine.
 
     Args:
         diagram: any Drake diagram, or a single leaf system; or a state machine, to which the other arguments do not
             apply.
         depth: levels of nested diagrams that are unfolded: 0 shows one box, 1 its blocks, None everything.
         hide_unused: leave out ports that nothing is connected to.
-        loggers: show blocks that only record a signal.
-        context: of the diagram, for the values of parameters; the default context when None.
-        title: heading of the page; the name of the diagram when empty.
+        loggers: show blocks that only log a signal.
+        context: context of the diagram, for the values of parameters; None: the default context.
+        title: heading of the page; empty: the name of the diagram.
 
     Raises:
         BadInputError: when `diagram` is no Drake system or `depth` is negative.
@@ -155,10 +155,10 @@ def graph(
 
 
 def format_of(path: str | os.PathLike[str]) -> str:
-    """The format that a file name asks for.
+    """The format for the suffix of a file name.
 
     Raises:
-        BadInputError: when its ending is none of a known format.
+        BadInputError: no format has this suffix.
     """
     suffix = Path(path).suffix.lower()
     name = _SUFFIXES.get(suffix, suffix[1:])

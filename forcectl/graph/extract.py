@@ -32,7 +32,7 @@ def read_blocks(diagram: System, context: Context, hide_unused: bool, loggers: b
 
 
 class _Reader:
-    """Walks down the diagrams; what a diagram's parent leaves unused is left out inside as well."""
+    """Reads a diagram level by level; ports that its parent leaves unused are left out inside, too."""
 
     def __init__(self, wiring: Wiring, hide_unused: bool, loggers: bool, context: Context) -> None:
         self._wiring = wiring
@@ -52,7 +52,7 @@ class _Reader:
             [port for port in ports if port in used or not self._hide_unused]
             for ports in (self._wiring.inputs(path), self._wiring.outputs(path))
         )
-        if not outputs and not isinstance(system, Diagram):  # what nobody uses has its ports, and does not look cut off
+        if not outputs and not isinstance(system, Diagram):  # an unused block keeps its ports
             outputs = self._wiring.outputs(path)
         blocks: tuple[Block, ...] = ()
         edges: tuple[Edge, ...] = ()
@@ -91,7 +91,7 @@ class _Reader:
         )
         shown = [wire for wire in wires if not any(port.system in hidden for port in wire)]
         used = {port for wire in shown for port in wire}
-        # A signal that is only recorded keeps its port.
+        # An output that is only logged keeps its port.
         used |= {source for source, reader in wires if reader.system in hidden and source.system not in hidden}
         wired = {source for source, _ in shown}
         self._logged |= {source for source in used if source.side == "output" and source not in wired} - {
@@ -102,7 +102,7 @@ class _Reader:
 
     def _edges(self, wires: list[tuple[PortAddress, PortAddress]]) -> tuple[Edge, ...]:
         units: dict[PortAddress, str] = {}
-        for source, target in wires:  # a signal has the unit of its source, else the first that any of its targets has
+        for source, target in wires:  # the unit of a signal is that of its source, or else of its first target with one
             units[source] = units.get(source) or unit(self._wiring, source) or unit(self._wiring, target)
         edges = []
         for source, target in wires:
@@ -122,7 +122,7 @@ class _Reader:
 
 
 def _recorders(wiring: Wiring, level: DiagramLevel) -> set[str]:
-    """Paths of the loggers in a diagram, and of the multiplexers that only gather signals for them."""
+    """Paths of the loggers in a diagram, and of the multiplexers that feed only loggers."""
     found = {child for child in level.children if isinstance(wiring.systems[child], VectorLogSink)}
     fed: dict[str, set[str]] = defaultdict(set)
     for reader, source in level.sources.items():
@@ -144,7 +144,7 @@ def _about(system: System) -> tuple[str, ...]:
 
 
 def _equation(documentation: str) -> list[str]:
-    """The indented lines behind the first `::`, four at most."""
+    """The indented lines after the first `::`, at most four."""
     lines = documentation.splitlines()
     start = next((number for number, line in enumerate(lines, start=1) if line.endswith("::")), len(lines))
     behind = itertools.dropwhile(lambda line: not line.strip(), lines[start:])
@@ -172,7 +172,7 @@ def _category(system: System, has_events: bool) -> Category:
 def _parameters(system: System, context: Context) -> tuple[Parameter, ...]:
     """Numeric parameters from the context, and the matrices of linear blocks."""
     if isinstance(system, Diagram) or is_library_plant(system):
-        return ()  # a plant's parameters are one group per body: no help in a picture
+        return ()  # a plant has one group of parameters per body: too many for a picture
     found: list[tuple[str, ArrayLike]] = []
     if isinstance(system, AffineSystem):
         matrices = {"A": system.A(), "B": system.B(), "C": system.C(), "D": system.D()}
@@ -190,7 +190,7 @@ def _parameters(system: System, context: Context) -> tuple[Parameter, ...]:
 
 
 def _response(system: System, value: float) -> ArrayLike:
-    """Output of a stateless C++ block for a constant input; tells what the block has no accessor for."""
+    """Output of a stateless C++ block for a constant input, for values that the block has no accessor for."""
     context = system.CreateDefaultContext()
     port = system.get_input_port(0)
     port.FixValue(context, np.full(port.size(), value))
@@ -198,7 +198,7 @@ def _response(system: System, value: float) -> ArrayLike:
 
 
 def _parameter_names(system: System, count: int) -> list[str]:
-    """The block's own names, or those in its documentation (`parameters: [a, b]`); numbers where there are none."""
+    """Parameter names from the block's attribute, else from its documentation (`parameters: [a, b]`), else numbers."""
     stated = re.search(r"^\s*parameters:\s*\[(.*?)\]", type(system).__doc__ or "", re.MULTILINE | re.DOTALL)
     documented = [name.strip().removesuffix(" (optional)") for name in stated.group(1).split(",")] if stated else []
     for names in (list(getattr(system, "parameter_names", ())), documented):
@@ -208,7 +208,7 @@ def _parameter_names(system: System, count: int) -> list[str]:
 
 
 def _parameter_unit(system: System, name: str) -> str:
-    """The block's own unit, or the first in brackets behind the name in its documentation; "" for none or a ratio."""
+    """Unit from the block's attribute, else the first in brackets after the name in its docstring; "" for a ratio."""
     if not (unit := getattr(system, "parameter_units", {}).get(name, "")) and is_python_block(system):
         documentation = " ".join((inspect.getdoc(type(system)) or "").split())
         stated = re.search(rf"\b{re.escape(name)}\b[^\[\].;]*\[((?:1/)?[^\W\d_][^\[\]]*)\]", documentation)

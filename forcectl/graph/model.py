@@ -34,9 +34,9 @@ class Port:
         size: number of elements; 0 for an abstract port.
         unit: SI unit of `forcectl.conventions`, or "".
         abstract: type of the value of an abstract port, "" for a vector.
-        connected: whether the picture's wiring uses it.
-        feedthrough: inputs that reach this output without a state in between (outputs of leaf systems only).
-        logged: whether it leads to a logger only, which the picture leaves out.
+        connected: whether a wire of the picture ends at it.
+        feedthrough: inputs with direct feedthrough to this output (outputs of leaf systems only).
+        logged: whether it is connected only to a logger that the picture leaves out.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Port:
 
     @property
     def label(self) -> str:
-        """Name as written in the picture: with where it leads to, if that is left out."""
+        """Name as written in the picture, with "→ log" for a port that is only logged."""
         return f"{self.name} → log" if self.logged else self.name
 
     @property
@@ -65,9 +65,9 @@ class Parameter:
     """A numeric parameter.
 
     Attributes:
-        name: as the block calls it.
+        name: name of the parameter.
         values: its elements.
-        unit: of each, "" for none or an unknown one.
+        unit: unit of each element; "" for none or an unknown one.
     """
 
     name: str
@@ -103,14 +103,14 @@ class Block:
     """A leaf system, or a diagram with its own blocks and wires.
 
     Attributes:
-        path: as `forcectl.inspect` calls it, `station/plant`; unique in the graph. "" is the whole diagram.
-        samples: periodic events, fastest first.
-        every_step: True when it acts at every simulator step.
+        path: path as in `forcectl.inspect`, such as `station/plant`; unique in the graph. "" is the whole diagram.
+        samples: periodic events, shortest period first.
+        every_step: whether it has an event at every step of the simulator.
         states: numbers of continuous, discrete and abstract states.
         parameters: numeric parameters with their values.
-        beside: what its periodic events refresh while its outputs follow its inputs at once, such as "posture".
-        about: first sentence of the documentation and its equation, for the blocks of Python.
-        blocks, edges: contents of a diagram; edges name the diagram itself for its own terminals.
+        beside: what its periodic events refresh in a block whose outputs have feedthrough, such as "posture"; else "".
+        about: first sentence of the documentation and its equation, for blocks written in Python.
+        blocks, edges: contents of a diagram; an edge at a port of the diagram itself names the diagram.
     """
 
     path: str
@@ -130,7 +130,7 @@ class Block:
     edges: tuple[Edge, ...] = ()
 
     def walk(self, levels: int | None = None) -> Iterator[Block]:
-        """This block and what is inside, parents first: so many levels of it, None for all."""
+        """This block and those inside it, parents first, down to a number of levels (None: all)."""
         yield self
         if levels != 0:
             for block in self.blocks:
@@ -143,7 +143,7 @@ class Block:
 
     @property
     def mark(self) -> str:
-        """Sample times as written on the block; nothing where the outputs do not wait for them."""
+        """Sample times as written on the block; "" where the outputs do not depend on them (see `beside`)."""
         return "" if self.beside else self.period_text
 
     @property
@@ -159,8 +159,8 @@ class BlockGraph:
 
     Attributes:
         root: the top-level diagram (or a single leaf).
-        depth: levels that are unfolded; None means all.
-        title: heading of the page, such as the name of the scenario; the name of the diagram when empty.
+        depth: number of levels that are unfolded; None: all.
+        title: heading of the page, such as the name of the scenario; empty: the name of the diagram.
     """
 
     root: Block
@@ -169,7 +169,7 @@ class BlockGraph:
 
     @property
     def heading(self) -> str:
-        """What a page calls the picture."""
+        """Heading of a page with the picture."""
         return self.title or self.root.name
 
     @cached_property
@@ -197,10 +197,10 @@ class BlockGraph:
         return tuple(edge for block in self.nodes if block.path in shown for edge in block.edges)
 
     def port_number(self, end: Endpoint, side: str, inside: str) -> tuple[str, int]:
-        """Side and number of the port at one end of a wire: what enters the diagram `inside` is an output within.
+        """Side and number of the port at one end of a wire; an input of the diagram `inside` is a source inside of it.
 
         Args:
-            end: of the wire.
+            end: end of the wire.
             side: "out" for its source, "in" for its target.
             inside: path of the diagram that holds the wire.
         """
@@ -211,7 +211,7 @@ class BlockGraph:
 
 
 def format_time(seconds: float) -> str:
-    """A sample time with the prefix that reads best: `2 ms`, `250 µs`, `1.5 s`."""
+    """A sample time with a suitable prefix: `2 ms`, `250 µs`, `1.5 s`."""
     for scale, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")):
         if seconds >= scale * 0.9999999:
             return f"{seconds / scale:.3g} {unit}"
@@ -219,7 +219,7 @@ def format_time(seconds: float) -> str:
 
 
 def format_values(values: tuple[float, ...], most: int = 8) -> str:
-    """Numbers for a tooltip: one plain, several in brackets, long ones cut short."""
+    """Numbers for a tooltip: one alone as it is, several in brackets, long lists cut off."""
     texts = [f"{value:.6g}" for value in values[:most]]
     if len(values) == 1:
         return texts[0]

@@ -1,8 +1,7 @@
-"""A block graph as pydot objects and as Graphviz DOT, for people who restyle it or draw it with their own tools.
+"""A block graph as pydot objects and as Graphviz DOT, to be restyled or drawn with other tools.
 
 Blocks are records with their ports inside, unfolded diagrams are clusters with their terminals at the border. Wires
-that close a loop do not move their target behind their source (`constraint=false`), so the forward path reads left to
-right.
+that close a loop do not affect the order of blocks (`constraint=false`), so the forward path reads from left to right.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ class _Writer:
 
     def _add_terminals(self, cluster: pydot.Cluster, block: Block, side: str, ports: tuple[Port, ...]) -> None:
         row: pydot.Graph = cluster
-        if ports and block is self._graph.root:  # the outermost terminals stand at both ends of the picture
+        if ports and block is self._graph.root:  # the outermost terminals are at both ends of the picture
             row = pydot.Subgraph(f"{self._ids[block.path]}_{side}", rank="source" if side == "in" else "sink")
             cluster.add_subgraph(row)
         for number, port in enumerate(ports):
@@ -77,7 +76,7 @@ class _Writer:
             )
 
     def _end(self, end: Endpoint, side: str, inside: str) -> str:
-        """A node, or a port of a record with the compass point at which wires meet it."""
+        """A node, or a port of a record with the compass point of the wire's end."""
         side, number = self._graph.port_number(end, side, inside)
         if end.block in self._opened:
             return f"{self._ids[end.block]}_{side}{number}"
@@ -91,7 +90,7 @@ def _node(block: Block, name: str) -> pydot.Node:
     text = "\\n".join(_field(row) for row in rows if row)
     left = "|".join(f"<in{i}> {_field(port.name)}" for i, port in enumerate(block.inputs))
     right = "|".join(f"<out{i}> {_field(port.name)}" for i, port in enumerate(block.outputs))
-    # Each pair of braces turns the direction: the outer one makes inputs, name and outputs stand side by side.
+    # Each pair of braces changes the direction: the outer pair puts inputs, name and outputs side by side.
     fields = (f"{{{left}}}" if left else "", text, f"{{{right}}}" if right else "")
     label = "{" + "|".join(field for field in fields if field) + "}"
     node = pydot.Node(name, label=pydot.make_quoted(label), fillcolor=fill, color=line)
@@ -101,11 +100,11 @@ def _node(block: Block, name: str) -> pydot.Node:
 
 
 def _field(text: str) -> str:
-    """Text of a record label, in which braces, bars, angles and spaces have a meaning."""
+    """Text of a record label, in which braces, bars, angle brackets and spaces must be escaped."""
     escaped = "".join(f"\\{c}" if c in "\\{}|<> " else c for c in text)
     return escaped.replace("&", "&amp;").replace("\n", "\\n")
 
 
 def label_of(text: str) -> str:
-    """Text of a plain label, always in quotes: pydot takes one between angles for HTML."""
+    """Text of a plain label, always in quotes: pydot takes a text in angle brackets for HTML."""
     return pydot.make_quoted(text.replace("\\", "\\\\").replace("&", "&amp;"))

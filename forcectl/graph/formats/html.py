@@ -1,7 +1,7 @@
 """A block graph as one interactive page that needs no network: fold and unfold, search, tooltips, zoom, dark mode.
 
 The layout of every fold state is computed here and stored in the page; the script only moves blocks between states.
-When there are too many states for that, the page has every depth, and every diagram opened alone and at its depth.
+If there are too many states, the page has every depth, every diagram opened alone, and diagrams folded alone.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from forcectl.graph.layout.marks import groups
 from forcectl.graph.layout.placed import Picture, PlacedBox
 from forcectl.graph.model import CATEGORY_TEXT, Block, BlockGraph
 
-_WORK = 4000  # fold states times blocks that are laid out at most
+_WORK = 4000  # limit of fold states times blocks
 _MOST_STATES = 128
 
 
@@ -33,7 +33,7 @@ def to_html(graph: BlockGraph) -> str:
     paths = {block.path: number for number, block in enumerate(graph.root.walk())}
     around = _around(graph)
     depths = [graph.unfolded(depth) for depth in range(graph.root.height + 1)]
-    for opened in depths:  # with care, and first: parts of them serve in the states between
+    for opened in depths:  # careful layouts come first, as other states reuse parts of them
         layouter.picture(opened)
     states = [
         _state(graph, layouter.picture(opened, careful=opened in depths), opened, paths, fragments)
@@ -61,13 +61,13 @@ def to_html(graph: BlockGraph) -> str:
         kinds=[(name, CATEGORY_TEXT[name]) for name in PALETTE if any(b.category == name for b in graph.root.walk())],
         max_depth=graph.root.height,
         depth=graph.root.height if graph.depth is None else min(graph.depth, graph.root.height),
-        # A closing tag inside of a name must not end the script element.
+        # A closing tag in a name must not end the script element.
         data=json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
     )
 
 
 def fold_states(graph: BlockGraph) -> list[frozenset[str]]:
-    """The sets of open diagrams that the page can show, the first one being all folded."""
+    """The sets of open diagrams that the page can show; in the first one all are folded."""
     count = sum(1 for _ in graph.root.walk())
     limit = min(_MOST_STATES, max(16, _WORK // count))
     if _number_of_states(graph.root) <= limit:
@@ -125,7 +125,7 @@ def _state(
 
 
 def _details(block: Block, parent: int) -> dict[str, Any]:
-    """What the tooltip and the search know about a block."""
+    """Data of a block for the tooltip and the search."""
     continuous, discrete, abstract = block.states
     return {
         "path": block.path,

@@ -1,4 +1,4 @@
-"""A block graph as a Mermaid flowchart, for Markdown pages that render one (README, pull requests, wikis)."""
+"""A block graph as a Mermaid flowchart, for Markdown pages that render it (README, pull requests, wikis)."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class _Flowchart:
                 yield f"  class {','.join(members)} {name}"
 
     def _end(self, end: Endpoint, side: str, inside: str) -> tuple[str, str]:
-        """Node at which a wire ends, and the port to be named on the wire (terminals carry their own name)."""
+        """Node at the end of a wire, and the port to be named on the wire (terminals show their own name)."""
         side, number = self._graph.port_number(end, side, inside)
         if end.block in self._opened:
             return f"{self._ids[end.block]}_{side}{number}", ""
@@ -73,6 +73,6 @@ def _node(block: Block, node: str) -> str:
 
 
 def text_of(text: str) -> str:
-    """Text inside quotes: Mermaid knows entities written with `#`; Markdown marks would be interpreted."""
+    """Text inside quotes, with special characters as Mermaid's `#` entities; else Markdown would be interpreted."""
     special = '#"&<>`*_\\|{}[]()~'
     return "".join(f"#{ord(c)};" if c in special and c != "_" else c for c in text.replace("\n", " "))

@@ -1,4 +1,4 @@
-"""Colours, line widths and letters of a picture, the same in every format that is drawn from it."""
+"""Colours, line widths and fonts of a picture, the same in every file format."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from forcectl.graph.layout.shapes import PORT_SIZE, SIGNAL_SIZE, SYMBOL_SIZE, TI
 from forcectl.graph.model import Category
 
 PAPER = "#ffffff"
-DASHES = (5.0, 3.0)  # of wires that carry something that is no vector
+DASHES = (5.0, 3.0)  # dash pattern of wires that carry abstract values
 _INK, _WIRE = "#1d2730", "#2f3c48"
 
 # Fill and outline by kind of block.
@@ -24,11 +24,11 @@ PALETTE: dict[Category, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Paint:
-    """How an outline is filled and drawn; "none" leaves either out.
+    """Fill and line of an outline; "none" for either one omits it.
 
     Attributes:
-        width: of the line [px].
-        opacity: of the fill, 0 to 1.
+        width: width of the line [px].
+        opacity: opacity of the fill, from 0 to 1.
     """
 
     fill: str
@@ -46,7 +46,7 @@ class Letters:
     bold: bool = False
 
 
-# Outlines of blocks by the class of their group; the last one that fits counts.
+# Outlines of blocks by the CSS class of their group; of several the last one counts.
 BODIES: dict[str, Paint] = {
     **{kind: Paint(fill, line, 1.2) for kind, (fill, line) in PALETTE.items()},
     "frame": Paint("#4a5866", "#8b97a3", 1.0, 0.045),

@@ -1,4 +1,4 @@
-"""The picture of a block graph for any set of diagrams that are open."""
+"""The picture of a block graph for any set of open diagrams."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from forcectl.graph.layout.shapes import shape_of
 from forcectl.graph.layout.sorting.sweeps import BOTTOM
 from forcectl.graph.model import Block, BlockGraph
 
-Hints = dict[tuple[str, str], float]  # side and port of a diagram -> where its wire comes from or goes to outside
+Hints = dict[tuple[str, str], float]  # side and port of a diagram -> order of its wire outside
 
 
 class Layouter:
-    """Lays a graph out for any set of unfolded diagrams; what is inside a diagram is laid out once."""
+    """Lays a graph out for any set of unfolded diagrams; the layout of each nested diagram is cached."""
 
     def __init__(self, graph: BlockGraph) -> None:
         self._graph = graph
@@ -26,8 +26,8 @@ class Layouter:
         """The picture with some diagrams open.
 
         Args:
-            unfolded: paths of those; None: as deep as the graph says.
-            careful: whether ways of wires are tried one by one, which takes three times as long.
+            unfolded: paths of the open diagrams; None: those at the graph's depth.
+            careful: whether alternative routes of wires are tried one by one, which takes three times as long.
         """
         opened = self._graph.unfolded() if unfolded is None else unfolded
         inner = self._block(self._graph.root, opened, {}, careful)
@@ -40,7 +40,7 @@ class Layouter:
             return _folded(block)
         inside = opened.intersection(inner.path for inner in block.walk())
         key = (block.path, inside, frozenset(hints.items()), True)
-        if key not in self._done:  # what was laid out with care serves where less of it would do
+        if key not in self._done:  # a careful layout is also used where a fast one is enough
             key = (*key[:3], careful)
         if key not in self._done:
             column = ranks(block)
@@ -54,9 +54,9 @@ class Layouter:
 
 
 def _hints(block: Block, child: Block, inner: dict[str, Picture]) -> Hints:
-    """Order in which the wires of an open diagram should arrive and leave, given the neighbours that are laid out.
+    """Order in which the wires of an open diagram arrive and leave, given the neighbours that are laid out.
 
-    What comes back from a later block enters from below, and what leads back leaves there.
+    Wires from later blocks arrive from below, and wires to earlier blocks leave below.
     """
     hints: Hints = {}
     place = {path: number for number, path in enumerate(inner)}
@@ -76,7 +76,7 @@ def _hints(block: Block, child: Block, inner: dict[str, Picture]) -> Hints:
         if source.block == child.path and target.block in (*inner, child.path):
             back = ports[target.block]["in", target.port] if target.block in inner else 0.0
             hints["out", source.port] = BOTTOM + round(back)
-    # Only their order at each side counts: what is laid out once serves again.
+    # Only the order at each side is kept, so that more layouts can be taken from the cache.
     order = {
         (side, height): number
         for side in ("in", "out")

@@ -1,6 +1,6 @@
-"""A picture as PNG and PDF, drawn by Matplotlib with the font that it brings along: nothing else has to be installed.
+"""A picture as PNG and PDF, drawn by Matplotlib with its bundled font: nothing else has to be installed.
 
-The same picture gives the same bytes: no date, no font of the machine, no setting of a `matplotlibrc` goes into it.
+The same picture gives the same bytes: dates, fonts of the machine and settings of a `matplotlibrc` are not used.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from forcectl.graph.model import BlockGraph
 
 _PER_INCH = 96.0  # pixels of the picture, as in a browser
 _ZOOM = 2.0  # pixels of a PNG per pixel of the picture
-_MOST_PIXELS, _LONGEST_SIDE = 5.0e7, 32000.0  # of a PNG: larger ones are drawn smaller, or few programs open them
-_LARGEST_PAGE = 200.0  # side of a page [in] that a PDF may have
-# DejaVu Sans is wider than Helvetica, which the boxes are made for, and reads like it when a little smaller.
+_MOST_PIXELS, _LONGEST_SIDE = 5.0e7, 32000.0  # limits of a PNG; a larger one is scaled down, as few programs open it
+_LARGEST_PAGE = 200.0  # [in] largest side of a PDF page
+# DejaVu Sans is wider than Helvetica, for which the boxes are sized, so it is scaled down a little.
 _FONTS = {False: ("DejaVuSans.ttf", 0.9), True: ("DejaVuSans-Bold.ttf", 0.86)}
 _ANCHORS: dict[str, Literal["left", "center", "right"]] = {"start": "left", "middle": "center", "end": "right"}
 _CODES = {"M": [Path.MOVETO], "L": [Path.LINETO], "Q": [Path.CURVE3, Path.CURVE3], "Z": [Path.CLOSEPOLY]}
-_KAPPA = 0.5523  # of a cubic curve that looks like a quarter of a circle
-# What Matplotlib would read from a `matplotlibrc`: real text in a PDF, the whole figure, dashes in units of line width.
+_KAPPA = 0.5523  # control point of a cubic curve that approximates a quarter of a circle
+# Settings that override a `matplotlibrc`: text as text in a PDF, the whole figure, dashes in units of line width.
 _SETTINGS: dict[Any, Any] = {
     "pdf.fonttype": 42,
     "pdf.compression": 6,
@@ -62,7 +62,7 @@ class Sheet(NamedTuple):
 
     @property
     def size(self) -> tuple[int, int]:
-        """In whole pixels."""
+        """Width and height in whole pixels."""
         return math.ceil(self.width), math.ceil(self.height)
 
 
@@ -108,7 +108,7 @@ def sheet_of(graph: BlockGraph) -> Sheet:
 
 
 def figure_of(sheet: Sheet, per_inch: float) -> Figure:
-    """A figure that shows the sheet and nothing else, with `per_inch` pixels of it to the inch."""
+    """A figure of the sheet alone, with `per_inch` pixels per inch."""
     width, height = sheet.size
     # The hundredth of a pixel keeps rounding from losing a whole one.
     inches = (width + 0.01) / per_inch, (height + 0.01) / per_inch
@@ -132,14 +132,14 @@ def _text(label: Label, place: Transform, point: float) -> Text:
     return Text(
         label.x,
         label.y,
-        " ".join(label.text.split()),  # as a browser shows a name with tabs or line breaks in it
+        " ".join(label.text.split()),  # white space is collapsed as in a browser
         color=letters.colour,
         fontproperties=FontProperties(
             fname=FilePath(mpl.get_data_path(), "fonts", "ttf", file), size=letters.size * scale * point
         ),
         horizontalalignment=_ANCHORS[label.anchor],
         verticalalignment="baseline",
-        parse_math=False,  # names are names, with or without dollar signs
+        parse_math=False,  # a dollar sign in a name is no formula
         usetex=False,
         transform=place,
     )

@@ -1,4 +1,4 @@
-"""A picture as SVG text. The same picture gives the same bytes on every machine: no fonts or programs are consulted."""
+"""A picture as SVG text. The same picture gives the same bytes on every machine: no fonts or programs are used."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 
 
 def style() -> str:
-    """Rules of the picture; everything is below `.fcg`, so that nothing leaks into the page around it."""
+    """CSS rules of the picture, all below `.fcg`, so that they do not affect the page around it."""
     rules = [f".fcg text{{font-family:{FONTS}}}", f".fcg .paper{{fill:{PAPER}}}"]
     rules += [f".fcg .{kind} .body{{{_paint(paint)}}}" for kind, paint in BODIES.items()]
     rules += [f".fcg .{kind} .ink{{{_paint(paint)}}}" for kind, paint in INKS.items()]
@@ -33,7 +33,7 @@ def to_svg(graph: BlockGraph) -> str:
 
 
 def document(title: str, width: float, height: float, drawn: Iterable[Group]) -> str:
-    """A complete SVG document of groups of marks on a sheet [px]."""
+    """A complete SVG document with groups of marks; `width` and `height` in [px]."""
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="fcg" width="{width:.0f}" height="{height:.0f}" '
         f'viewBox="0 0 {_n(width)} {_n(height)}" role="img" aria-label="{escape(title)}">\n'
@@ -49,7 +49,7 @@ def draw(drawn: Iterable[Group]) -> str:
     for placed, role, marks in drawn:
         label = ""
         if isinstance(placed, PlacedBox):
-            # The group's transform carries the place, so that a page can move it.
+            # The position is a transform of the group, so that a page can move it.
             label = f' data-path="{escape(placed.path)}" transform="translate({_n(placed.x)} {_n(placed.y)})"'
         elif placed is not None:
             label = f' data-source="{escape(net_key(placed.inside, placed.source))}"'
@@ -63,7 +63,7 @@ def elements(marks: Iterable[Mark]) -> str:
 
 
 def net_key(inside: str, source: Endpoint) -> str:
-    """Name of the net inside a diagram that starts at a port; a terminal's wires inside are another net."""
+    """Name of the net from a port, inside of a diagram; the wires from a terminal inside are a net of their own."""
     return f"{inside} > {source.block}:{source.port}"
 
 
@@ -96,6 +96,6 @@ def _element(mark: Mark) -> str:
 
 
 def _n(length: float) -> str:
-    """A coordinate: a tenth of a pixel is enough."""
+    """A coordinate as text, rounded to a tenth of a pixel."""
     text = f"{length:.1f}".removesuffix(".0")
     return "0" if text == "-0" else text

@@ -1,4 +1,4 @@
-"""Where a picture that is too wide is broken into rows."""
+"""Choice of the columns after which a picture that is too wide is broken into rows."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from forcectl.graph.layout.strips import Strips
 
 _MOST_ROWS = 4
-_LEAN = 3  # other ways of breaking that are tried
+_LEAN = 3  # number of alternatives with few signals between rows that are tried
 
 
 def in_rows(
@@ -22,16 +22,17 @@ def in_rows(
     passing: Mapping[int, int] | None = None,
     cost: Callable[[Strips], tuple[float, int]] | None = None,
 ) -> Strips:
-    """The layout in one row of columns, or in as many as it takes not to be wide.
+    """The layout in one row of columns, or in as many rows as are needed to limit its width.
 
     Args:
-        lay_out: with rows that end behind these columns.
-        last: column, counted from 1 on.
-        widest: width by height of what is not broken further.
-        narrow: width of what is not broken further [px].
-        around: width and height of what is around the rows [px].
-        passing: how many signals lead past the right side of each column.
-        cost: of the wires of a layout, by which rows between which fewer signals lead are compared; None: they are not.
+        lay_out: makes a layout with rows that end after the given columns.
+        last: number of the last column, counted from 1 on.
+        widest: ratio of width to height up to which a layout is not broken further.
+        narrow: width up to which a layout is not broken further [px].
+        around: width and height of the margins around the rows [px].
+        passing: number of signals that pass the right side of each column.
+        cost: cost of the wires of a layout, to compare alternatives with fewer signals between rows; None: none is
+            tried.
     """
 
     def fits(strips: Strips) -> bool:
@@ -58,17 +59,17 @@ def in_rows(
 
 
 def _lean_cuts(widths: Sequence[float], rows: int, passing: Mapping[int, int], room: float) -> list[list[int]]:
-    """Columns behind which rows end, so that few signals lead from row to row and no row is wider than `room`."""
+    """Columns after which rows end, for few signals between rows, with no row wider than `room`."""
     ends = [0.0, *itertools.accumulate(widths)]
 
     def ways(start: int, rows: int) -> Iterator[tuple[int, float, list[int]]]:
-        """Signals that lead from row to row, the widest row, and the columns; of what is behind a column."""
+        """Number of signals between rows, width of the widest row, and the columns, for all columns after `start`."""
         if rows == 1 and ends[-1] - ends[start] <= room:
             yield 0, ends[-1] - ends[start], []
         for cut in range(start + 1, len(widths) if rows > 1 else start):
             if (width := ends[cut] - ends[start]) > room:
                 break
-            if ends[-1] - ends[cut] <= 1.001 * room * (rows - 1):  # else one of the rows that are left is wider
+            if ends[-1] - ends[cut] <= 1.001 * room * (rows - 1):  # else one of the remaining rows is too wide
                 for signals, widest, cuts in ways(cut, rows - 1):
                     yield passing[cut] + signals, max(width, widest), [cut, *cuts]
 
@@ -76,7 +77,7 @@ def _lean_cuts(widths: Sequence[float], rows: int, passing: Mapping[int, int], r
 
 
 def _cuts(widths: Sequence[float], rows: int) -> list[int]:
-    """The columns behind which rows end, so that the widest row is as narrow as possible."""
+    """The columns after which rows end, with the widest row as narrow as possible."""
     least = max(widths)
     limit, step = max(least, sum(widths) / rows), sum(widths) / 200.0
     while True:

@@ -1,8 +1,8 @@
-"""The picture of an open diagram from the pictures of its blocks: in one row of columns, or in several when it is wide.
+"""The picture of an open diagram from the pictures of its blocks, in one row of columns, or in several if it is wide.
 
-Rows stand below one another. A wire to the next row leaves at the right, runs between the rows and enters at the left;
-one that leads back to an earlier row runs below all of them and in at the left, or up and in at the right end,
-whichever saves bends and crossings. A signal that leads to another row and back in its own goes round only once.
+Rows are placed below one another. A wire to the next row leaves at the right, runs between the rows and enters at the
+left. A wire to an earlier row runs below all rows and enters at the left, or runs up and enters at the right end,
+whichever gives fewer bends and crossings. A signal to another row that also returns in its own row shares that wire.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from forcectl.graph.model import Block, Endpoint
 
 MARGIN = 16.0  # around the picture
 _PAD = 14.0  # inside a frame
-_WIDEST = {True: 2.5, False: 3.2}  # width by height of the whole, and of a diagram in it
-_WAYS = 3  # wires from later rows for which another way is tried, at most
-_NARROW = {True: 1500.0, False: 2000.0}  # [px] what is not broken into rows
+_WIDEST = {True: 2.5, False: 3.2}  # largest ratio of width to height: of the whole picture, of a nested diagram
+_WAYS = 3  # largest number of wires from later rows for which the other route is tried
+_NARROW = {True: 1500.0, False: 2000.0}  # [px] width up to which a picture is not broken into rows
 
 Wires = Mapping[Endpoint, Sequence[Endpoint]]
 
@@ -50,16 +50,16 @@ def frame(
     Args:
         block: the diagram.
         inner: pictures of its blocks.
-        column: of each of them, from 1 on.
-        hints: where the wires of its ports come from and go to, by side and port.
-        whole: whether it is the whole picture, which shall not be wide.
-        careful: whether ways of wires are tried one by one.
+        column: column of each block, from 1 on.
+        hints: order in which the wires of its ports arrive and leave outside, by side and port.
+        whole: whether it is the whole picture, which is kept narrower.
+        careful: whether alternative routes of wires are tried one by one.
     """
     wires: dict[Endpoint, list[Endpoint]] = defaultdict(list)
     text: dict[Endpoint, str] = {}
     for edge in block.edges:
         wires[edge.source].append(edge.target)
-        # What enters a nested diagram is labelled outside already.
+        # A wire into a nested diagram is already labelled outside of it.
         text[edge.source] = "" if edge.source.block == block.path != "" else edge.signal
     labels = {source: text_width(words, SIGNAL_SIZE) for source, words in text.items()}
     last = max(column.values(), default=0)
@@ -72,7 +72,7 @@ def frame(
         best = led(())
         back = best.leading_back() if careful else []
         if back:
-            # Where a wire from a later row comes in at the right end, it need not pass the blocks at the left.
+            # A wire from a later row that enters at the right end does not pass the blocks at the left.
             ways = [tuple(back), *((way,) for way in back[:_WAYS] if len(back) > 1)]
             best = min([best, *map(led, ways)], key=lambda strips: _cost(strips, wires))
         return best
@@ -99,7 +99,7 @@ def frame(
 
 
 def _cost(strips: Strips, wires: Wires) -> tuple[float, int]:
-    """How bad the wires look."""
+    """Cost of the wires of a layout: bends and crossings, then bends alone."""
     paths = [strips.paths(source) for source in wires]
     bends = count_bends(paths)
     return bends + CROSSING * count_crossings(paths), bends
@@ -150,7 +150,7 @@ def _item(block: Block, rank: int, picture: Picture) -> Item:
 
 
 def _as_placed(picture: Picture, item: Item) -> Picture:
-    """The picture of a block after its ports were exchanged and moved, and it grew for that."""
+    """The picture of a block with its ports in their final order and places, and its final height."""
     inputs, outputs = (tuple(zip(item.ports[side], item.slots[side], strict=True)) for side in ("in", "out"))
     box = replace(picture.boxes[0], height=item.height, inputs=inputs, outputs=outputs)
     if box.shape is not None and (more := item.height - picture.height):

@@ -1,4 +1,4 @@
-"""How high everything stands: as many wires as possible are straight, those of the longest forward path first."""
+"""Heights of all items, with as many straight wires as possible, those of the longest forward path first."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _SWEEPS = 40
 def set_heights(
     columns: Columns, hops: Sequence[Crossing], lengths: Mapping[Crossing, int], elastic: bool = False
 ) -> None:
-    """Set `y` of every item; the order in the columns stays.
+    """Set `y` of every item, with the order in the columns unchanged.
 
     Args:
-        columns: of the diagram.
-        hops: of all wires.
-        lengths: those of `path_lengths`.
-        elastic: whether blocks may grow, so that more wires are straight.
+        columns: columns of the diagram.
+        hops: hops of all wires.
+        lengths: result of `path_lengths`.
+        elastic: whether blocks may grow to make more wires straight.
     """
     wires = _by_merit(hops, lengths)
     heights = most_straight(columns, wires, elastic)
@@ -34,7 +34,7 @@ def set_heights(
 
 
 def estimate_heights(columns: Columns, hops: Sequence[Crossing], lengths: Mapping[Crossing, int]) -> None:
-    """Set `y` of every item quickly, about as `set_heights` does; `lengths` are those of `path_lengths`."""
+    """Set `y` of every item by a fast approximation of `set_heights`; `lengths` are those of `path_lengths`."""
     heights = Heights(columns)
     for hop in _by_merit(hops, lengths):
         heights.straighten(hop)
@@ -49,7 +49,7 @@ def _by_merit(hops: Sequence[Crossing], length: Mapping[Crossing, int]) -> list[
         arriving[hop.right].append(hop)
 
     def merit(hop: Crossing) -> tuple[bool, int, float, int, int, int, int]:
-        """What ends at a block first, then what lies on a long path, then what arrives in the middle of a side."""
+        """Sort key: wires that end at a block first, then those on long paths, then those to the middle of a side."""
         others = arriving[hop.right]
         off_centre = abs(others.index(hop) - (len(others) - 1) / 2.0)
         passing = hop.left.wire + hop.right.wire
@@ -71,7 +71,7 @@ def path_lengths(hops: Sequence[Crossing]) -> dict[Crossing, int]:
 
 
 def _relax(columns: Columns, hops: list[Crossing], run: dict[Item, list[Item]], y: dict[Item, float]) -> None:
-    """Move each run to the mean of what pulls it, as far as its neighbours let it."""
+    """Move each run to the mean height of the items that it is connected to, as far as its neighbours allow."""
     runs = list({id(items): items for items in run.values()}.values())
     pulls: dict[int, list[tuple[Item, Item, float]]] = defaultdict(list)
     for hop in hops:

@@ -1,6 +1,6 @@
-"""The marks that make up a picture: outlines and labels with a role, before any file format.
+"""The marks that make up a picture: outlines and labels with a role, independent of the file format.
 
-What a block or a wire looks like is said here once; `formats.svg` and `formats.print` only write it down.
+The appearance of blocks and wires is defined here only; `formats.svg` and `formats.print` write the marks.
 """
 
 from __future__ import annotations
@@ -79,12 +79,12 @@ class Label:
 Mark = Rectangle | Disc | Stroke | Label
 
 
-# What a group of marks stands for, None for something without a place of its own; its classes; its marks.
+# A group of marks: the box or net that it shows (or None), its CSS classes, its marks.
 Group = tuple[PlacedBox | PlacedNet | None, str, Sequence[Mark]]
 
 
 def groups(graph: BlockGraph, picture: Picture) -> Iterator[tuple[PlacedBox | PlacedNet, str, list[Mark]]]:
-    """Each box, outer ones first, then each net: its classes, and its marks relative to the corner of the box."""
+    """Each box, outer ones first, then each net, with its classes and marks; those of a box relative to its corner."""
     for box in picture.boxes:
         yield box, *box_marks(graph.by_path[box.path], box)
     for net in picture.nets:
@@ -101,7 +101,7 @@ def box_marks(block: Block, box: PlacedBox) -> tuple[str, list[Mark]]:
 
 
 def _net_marks(graph: BlockGraph, net: PlacedNet) -> tuple[str, list[Mark]]:
-    """Classes of a net's group, and its wires, arrow heads, dots where they part, and size and unit at the start."""
+    """Classes of a net's group, and its wires, arrow heads, dots at branches, and size and unit at the start."""
     marks: list[Mark] = [Stroke("wire", wire(points)) for points in net.wires]
     marks += [Stroke("head", arrow(*points[-1])) for points in net.wires]
     marks += [Disc("dot", x, y, 2.6) for x, y in net.dots]
@@ -114,7 +114,7 @@ def _labelled(marks: list[Mark]) -> list[Mark]:
 
 
 def _is_abstract(graph: BlockGraph, net: PlacedNet) -> bool:
-    """Whether the net carries something that is no vector."""
+    """Whether the net carries abstract values."""
     block = graph.by_path[net.source.block]
     ports = block.inputs if net.source.block == net.inside else block.outputs
     return any(port.abstract for port in ports if port.name == net.source.port)
@@ -176,7 +176,7 @@ def _frame(block: Block, box: PlacedBox) -> list[Mark]:
 def _box(block: Block, box: PlacedBox, shape: Shape) -> list[Mark]:
     width, height = shape.width, shape.height
     marks: list[Mark] = [Rectangle("body", 0.0, 0.0, width, height, 3.0)]
-    if block.kind == "diagram":  # a second outline tells that there is more inside
+    if block.kind == "diagram":  # a second outline marks a nested diagram
         marks.append(Rectangle("more", 3.0, 3.0, width - 6.0, height - 6.0, 2.0))
     lower, period = subtitle(block), block.mark
     lower_width = text_width(lower, TYPE_SIZE) if lower else 0.0

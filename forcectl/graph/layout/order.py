@@ -1,7 +1,7 @@
-"""Which wires close the loops of a diagram, and how far to the right each block belongs.
+"""Choice of the feedback wires of a diagram, and of the column of each block.
 
-A block diagram is read along its forward path. The wires that run against it are chosen so that they are few, and are
-wires one would call feedback: measurements and estimates rather than references and commands.
+A block diagram is read along its forward path. The wires that run backwards are chosen to be few, and to be those that
+an engineer would call feedback: measurements and estimates rather than references and commands.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def ranks(block: Block) -> dict[str, int]:
 
 
 def columns_of(order: Sequence[str], arcs: Iterable[_Arc]) -> dict[str, int]:
-    """Column of each of the blocks in their forward order, from 1 on, by what connects them."""
+    """Column of each block, from 1 on, from the forward order of the blocks and their connections."""
     place = {path: number for number, path in enumerate(order)}
     after: dict[str, set[str]] = defaultdict(set)
     before: dict[str, set[str]] = defaultdict(set)
@@ -45,7 +45,9 @@ def columns_of(order: Sequence[str], arcs: Iterable[_Arc]) -> dict[str, int]:
     rank: dict[str, int] = {}
     for path in order:
         rank[path] = 1 + max((rank[earlier] for earlier in before[path]), default=0)
-    for path in reversed(order):  # short wires: what has more to the right than to the left moves to the right
+    for path in reversed(
+        order
+    ):  # for short wires, a block with more neighbours to the right than to the left moves to the right
         if len(after[path]) > len(before[path]):
             rank[path] = min(rank[later] for later in after[path]) - 1
     return rank
@@ -57,7 +59,7 @@ def _inner(block: Block) -> list[Edge]:
 
 
 def _forward_order(block: Block) -> list[str]:
-    """The blocks so that as little weight as possible runs backwards."""
+    """The blocks in an order in which the backward connections have a small total weight."""
     weights = _weights(block)
     paths = [child.path for child in block.blocks]
     order: list[str] = []
@@ -67,7 +69,7 @@ def _forward_order(block: Block) -> list[str]:
 
 
 def _weights(block: Block) -> dict[_Arc, float]:
-    """What it costs to draw each connection backwards."""
+    """Cost of drawing each connection backwards."""
     inside = {child.path: child for child in block.blocks}
     entered_from_outside = {edge.target.block for edge in block.edges if edge.source.block == block.path}
     has_input = {edge.target.block for edge in block.edges}
@@ -104,7 +106,7 @@ def _components(paths: list[str], weights: dict[_Arc, float]) -> list[list[str]]
 
 
 def _best_order(group: list[str], weights: dict[_Arc, float]) -> list[str]:
-    """The cheapest order found from every starting block, improved by moving single blocks."""
+    """The order of least cost: from searches that start at each block, improved by moving single blocks."""
     member = set(group)
     arcs = {arc: weight for arc, weight in weights.items() if member.issuperset(arc)}
     starts = group if len(group) <= 12 else group[:1]
@@ -113,18 +115,18 @@ def _best_order(group: list[str], weights: dict[_Arc, float]) -> list[str]:
 
 
 def forwards(roots: Iterable[str], paths: list[str], arcs: Container[_Arc]) -> list[str]:
-    """The blocks so that only arcs that close a ring run backwards."""
+    """The blocks in an order in which only arcs that close a cycle run backwards."""
     return [path for tree in _depth_first(roots, paths, arcs) for path in tree][::-1]
 
 
 def _depth_first(roots: Iterable[str], paths: list[str], arcs: Container[_Arc]) -> list[list[str]]:
-    """What each root leads to and no earlier one did, every block behind those that it leads to itself."""
+    """For each root the blocks that are reached from it first, in postorder."""
     trees: list[list[str]] = []
     seen: set[str] = set()
     for root in roots:
         tree: list[str] = []
         stack = [(root, False)]
-        while stack:  # no recursion: a chain of blocks may be long
+        while stack:  # iterative, as a chain of blocks may be long
             path, done = stack.pop()
             if done:
                 tree.append(path)
@@ -143,8 +145,8 @@ def _cost(order: list[str], arcs: dict[_Arc, float]) -> float:
 
 
 def _improved(order: list[str], arcs: dict[_Arc, float]) -> list[str]:
-    """Move one block at a time to where it costs least, until nothing gets better."""
-    touching: dict[str, list[tuple[str, float]]] = defaultdict(list)  # what passing a neighbour to the right costs
+    """Move one block at a time to its place of least cost, until nothing improves."""
+    touching: dict[str, list[tuple[str, float]]] = defaultdict(list)  # cost of passing a neighbour to the right
     for (source, target), weight in arcs.items():
         touching[source].append((target, weight))
         touching[target].append((source, -weight))
@@ -156,7 +158,7 @@ def _improved(order: list[str], arcs: dict[_Arc, float]) -> list[str]:
             steps = [0.0] * len(order)
             for other, change in touching[path]:
                 steps[place[other] + 1] += change
-            costs = [round(cost, 9) for cost in itertools.accumulate(steps)]  # beside that of standing first
+            costs = [round(cost, 9) for cost in itertools.accumulate(steps)]  # relative to the first place
             best = costs.index(min(costs))
             if costs[order.index(path)] > costs[best]:
                 order = [*rest[:best], path, *rest[best:]]

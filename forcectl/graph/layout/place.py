@@ -1,4 +1,4 @@
-"""From items and wires to ordered columns in which every item has its height."""
+"""From items and wires to ordered columns, in which every item has a vertical position."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def place_rows(
     """Order the items in each of `count` columns and set `y` of every item; returns the columns.
 
     Args:
-        items: of the diagram, bend points included.
-        hops: of all wires.
-        turns: of those that lead back.
+        items: all items, including bend points.
+        hops: hops of all wires.
+        turns: turns of the wires that lead back.
         count: number of columns.
-        outside: heights, in any unit, at which the wires of terminals go on outside of the diagram.
-        careful: whether bends count, the order is polished, and blocks may grow where that makes wires straight.
+        outside: heights, in any unit, at which the wires of terminals continue outside of the diagram.
+        careful: whether bends count, the order is polished, and blocks may grow to make wires straight.
     """
     columns: Columns = [[] for _ in range(count)]
     for item in items:
@@ -49,7 +49,7 @@ def place_rows(
 
 
 def _bends(hops: Sequence[Crossing], turns: Sequence[Turn]) -> int:
-    """How many corners the wires have."""
+    """Number of corners of the wires."""
     heights: dict[tuple[int, int], list[float]] = defaultdict(list)
     for hop in hops:
         heights[hop.net, hop.channel] += (

@@ -1,4 +1,4 @@
-"""A laid-out picture: boxes and wires with coordinates, independent of how it is drawn."""
+"""A laid-out picture: boxes and wires with coordinates, independent of the file format."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class PlacedBox:
     """A block in the picture.
 
     Attributes:
-        path: of the block.
-        shape: outline when folded; None for an unfolded diagram, drawn as a frame around its blocks.
-        inputs, outputs: port name and place.
+        path: path of the block.
+        shape: outline of a folded block; None for an unfolded diagram, which is drawn as a frame around its blocks.
+        inputs, outputs: name and position of each port.
     """
 
     path: str
@@ -32,7 +32,7 @@ class PlacedBox:
 
 @dataclass(frozen=True)
 class PlacedNet:
-    """Everything that leaves one port: its wires, the dots where they part, and the text at its start."""
+    """All wires from one port, the dots at their branches, and the text at their start."""
 
     source: Endpoint
     targets: tuple[Endpoint, ...]
@@ -53,7 +53,7 @@ class Picture:
     nets: tuple[PlacedNet, ...] = ()
 
     def moved(self, dx: float, dy: float) -> Picture:
-        """The same boxes and nets elsewhere."""
+        """The same picture, shifted by (dx, dy)."""
 
         def points(old: Iterable[Point]) -> tuple[Point, ...]:
             return tuple((x + dx, y + dy) for x, y in old)

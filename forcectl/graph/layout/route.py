@@ -1,4 +1,4 @@
-"""Wires at right angles: one upright track per wire in the channel between two columns."""
+"""Routing of wires at right angles: one vertical track per wire in the channel between two columns."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from typing import NamedTuple
 from forcectl.graph.layout.rows import Columns, Crossing, End, Item, Point, Turn
 from forcectl.graph.layout.shapes import PORT_PITCH
 
-TRACK = 11.0  # between upright tracks
-LANE = 13.0  # between the wires below a row
-_ENTRY = 15.0  # from the last track to a block: room for the arrow head
-_NARROW = 26.0
-_APART = 4.0  # between wires side by side, at least
-_TEXT = 16.0  # height of a text above its wire, with room
+TRACK = 11.0  # distance between vertical tracks
+LANE = 13.0  # distance between the wires below a row
+_ENTRY = 15.0  # distance from the last track to a block, with space for the arrow head
+_NARROW = 26.0  # smallest width of a channel with wires
+_APART = 4.0  # smallest distance between parallel wires
+_TEXT = 16.0  # height of a text above its wire, with margin
 
 
 @dataclass
 class Net:
-    """Everything that leaves one port.
+    """All wires from one port.
 
     Attributes:
         source: item and port.
-        targets: items and ports; those in a column that is not to the right of the source are reached by a return.
-        label_width: of the text written at the source.
-        enters: whether it comes from a later row: its source stands at the right end, and all targets are returns.
-        bends, returning: column -> item where the wire passes, to the right and back.
+        targets: items and ports. Wires to targets that are not to the right of the source are returns.
+        label_width: width of the text at the source.
+        enters: whether it comes from a later row: then its source is at the right end, and all wires are returns.
+        bends, returning: column -> item at which the wire passes it, on the way to the right and on the way back.
     """
 
     source: End
@@ -50,11 +50,11 @@ class Net:
 
 @dataclass
 class _Track:
-    """One net inside one channel: the heights at which it comes from and goes to either side.
+    """One net inside one channel, with the heights of its ends on either side.
 
     Attributes:
-        around: for a height on the right at which another net comes from the left as far as a later track: the height
-            at which this one keeps out of its way until `around_x`.
+        around: detours, by height on the right: where another net arrives from the left at this height and continues to
+            a later track, this one runs at the given other height until `around_x`.
     """
 
     net: int
@@ -70,18 +70,18 @@ class _Track:
         return min(heights), max(heights)
 
     def corners(self, left: float, right: float) -> list[Point]:
-        """Of the way from a height on the left to one on the right."""
+        """Corners of the wire from a height on the left to one on the right."""
         if right not in self.around:
             return [(self.x, left), (self.x, right)]
         past = self.around[right]
         return [(self.x, left), (self.x, past), (self.around_x, past), (self.around_x, right)]
 
 
-Tracks = dict[int, _Track]  # by number of the net
+Tracks = dict[int, _Track]  # number of the net -> its track
 
 
 def bend_points(nets: list[Net]) -> tuple[list[Crossing], list[Turn]]:
-    """Put an item wherever a wire passes a column; returns every hop from column to column, and where wires turn."""
+    """Make an item wherever a wire passes a column; returns all hops from column to column, and all turns of wires."""
     hops: list[Crossing] = []
     turns: list[Turn] = []
     for number, net in enumerate(nets):
@@ -146,16 +146,16 @@ def _channel(number: int, hops: list[Crossing], turns: list[Turn]) -> Tracks:
 
 
 class _Text(NamedTuple):
-    """What is written at the start of a wire: height of the wire, and width of the text."""
+    """The text at the start of a wire: height of the wire, and width of the text."""
 
     y: float
     width: float
 
 
 def _place_tracks(tracks: list[_Track], texts: Mapping[int, _Text]) -> float:
-    """Set `x` of the wires of a channel so that few cross, none run on top of each other and none through a text.
+    """Set `x` of the tracks of a channel so that few wires cross, and none overlap with each other or with a text.
 
-    Returns: where the last of them is, or the longest text ends; both from the left side of the channel on.
+    Returns: the position of the last track or of the end of the longest text, from the left side of the channel.
     """
     order = [track for track in tracks if track.span[1] - track.span[0] >= 0.01]
     order.sort(key=lambda t: (sum(t.right) / max(len(t.right), 1) - sum(t.left) / max(len(t.left), 1), t.net))
@@ -184,9 +184,9 @@ def _place_tracks(tracks: list[_Track], texts: Mapping[int, _Text]) -> float:
 
 
 def _keep_apart(order: list[_Track], x: float) -> float:
-    """Lead wires that change places around each other, where no order of their tracks keeps them apart.
+    """Set detours for wires that exchange heights, where no order of their tracks keeps them apart.
 
-    Returns: `x`, a further track, if any of them needs it; else 0.
+    Returns: `x`, the position of a further track, if any wire needs it; else 0.
     """
     taken = [y for track in order for y in (*track.left, *track.right)]
     for number, track in enumerate(order):
@@ -200,13 +200,15 @@ def _keep_apart(order: list[_Track], x: float) -> float:
 
 
 def _by_preference(tracks: list[_Track], cost: dict[tuple[int, int], float]) -> list[_Track]:
-    """First those that no other wants to its left, last those that no other wants to its right; else the least wrong.
+    """Sort tracks by pairwise costs: those that cost nothing first go first, those that cost nothing last go last.
+
+    Where there is neither, the track with the largest advantage in the first place goes first.
 
     Args:
-        tracks: in the order that decides between equals.
-        cost: of putting one net left of another.
+        tracks: tracks in the order that decides between equals.
+        cost: cost of one net left of another, by pair.
     """
-    gain = {(a, b): max(cost[b, a] - cost[a, b], 0.0) for a, b in cost}  # of `a` left of `b`
+    gain = {(a, b): max(cost[b, a] - cost[a, b], 0.0) for a, b in cost}  # gain of `a` left of `b`
     leftwards = {
         track.net: sum(gain[track.net, other.net] for other in tracks if other is not track) for track in tracks
     }
@@ -232,7 +234,7 @@ def _by_preference(tracks: list[_Track], cost: dict[tuple[int, int], float]) -> 
 
 
 def _cost(a: _Track, b: _Track) -> float:
-    """What it costs to put the track of `a` left of that of `b`."""
+    """Cost of the track of `a` left of that of `b`: crossings, and overlaps with a large weight."""
     (a_low, a_high), (b_low, b_high) = a.span, b.span
     crossings = sum(b_low < y < b_high for y in a.right) + sum(a_low < y < a_high for y in b.left)
     overlaps = sum(abs(y - z) < _APART for y in a.right for z in b.left)
@@ -258,7 +260,7 @@ def wire_points(net: Net, number: int, target: End, channels: list[Tracks]) -> l
 
 
 def without_repeats(points: list[Point]) -> list[Point]:
-    """Drop corners that are no corners."""
+    """Drop repeated points, and points on a straight line."""
     kept: list[Point] = []
     for point in points:
         if kept and _aligned([kept[-1], point], 0) and _aligned([kept[-1], point], 1):
@@ -275,7 +277,7 @@ def _aligned(points: list[Point], axis: int) -> bool:
 
 
 def branch_points(wires: list[list[Point]]) -> list[Point]:
-    """Where the wires of one net part: points at which three or more lines of it meet."""
+    """Points at which the wires of one net branch: three or more of its lines meet there."""
     if len(wires) < 2:
         return []
     corners = {point for wire in wires for point in wire}

@@ -1,8 +1,8 @@
-"""Where everything goes: a layered layout, one nested diagram at a time, inside out.
+"""The elements of a layered layout, which is made for one nested diagram at a time, inside out.
 
-Columns come from `order.ranks`; wires that skip columns get a bend point in each column they pass. The order in a
-column is that of `sweeps` and `polish`, so that few wires cross and bend; wires that lead back pass the columns alike.
-Heights are those of `heights`, so that many wires are straight.
+Columns come from `order.ranks`; wires that skip columns get a bend point in each column that they pass, and so do wires
+that lead back. The order in a column comes from `sweeps` and `polish`, for few crossings and bends. Heights come from
+`heights`, for many straight wires.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ class Item:
 
     Attributes:
         rank: number of the column.
-        ports: names on either side, "in" and "out", from top to bottom; exchanged among the slots when `loose`.
-        slots: places of the ports relative to the item's upper left corner.
-        elastic: a block that may grow where that makes wires straight.
-        row: number in its column.
+        ports: names of the ports on either side, "in" and "out", from top to bottom; their order may change if `loose`.
+        slots: positions for ports relative to the item's upper left corner.
+        elastic: whether it is a block that may grow to make wires straight.
+        row: index in its column.
     """
 
     rank: int
@@ -38,11 +38,11 @@ class Item:
     row: int = 0
 
     def pin(self, side: str, port: str) -> Point:
-        """Place of a port relative to the item."""
+        """Position of a port relative to the item."""
         return (0.0, 0.0) if self.wire else self.slots[side][self.ports[side].index(port)]
 
     def place(self, side: str, port: str) -> Point:
-        """Place of a port in the diagram."""
+        """Position of a port in the diagram."""
         dx, dy = self.pin(side, port)
         return self.x + dx, self.y + dy
 
@@ -56,7 +56,7 @@ End = tuple[Item, str]  # a port
 
 @dataclass(eq=False)
 class Crossing:
-    """One wire's way through the channel to the right of column `channel`."""
+    """One hop: a wire through the channel to the right of column `channel`."""
 
     net: int
     channel: int
@@ -68,10 +68,10 @@ class Crossing:
 
 @dataclass(eq=False)
 class Turn:
-    """Where a wire that leads back turns round, beside a column: it joins a port to its own bend point in that column.
+    """The turn of a wire that leads back: beside a column it joins a port to the wire's bend point in that column.
 
     Attributes:
-        side: of the channel: "left", behind the block that it leaves, or "right", before the one where it arrives.
+        side: side of the channel: "left", after the block that it leaves, or "right", before the block where it arrives.
     """
 
     net: int
@@ -82,7 +82,7 @@ class Turn:
     bend: Item
 
     def heights(self) -> tuple[float, float]:
-        """Of both ends."""
+        """Heights of both ends."""
         return self.item.place("out" if self.side == "left" else "in", self.port)[1], self.bend.y
 
 

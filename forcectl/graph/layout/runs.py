@@ -1,4 +1,4 @@
-"""Items that straight wires join into runs, and the least heights at which all of them can stand."""
+"""Items that straight wires join into runs, and the smallest heights (from the top) that keep all distances."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from forcectl.graph.layout.rows import Columns, Crossing, Item
 from forcectl.graph.layout.shapes import PORT_PITCH
 
 _GAP_BOX, _GAP_WIRE, _GAP_MIXED, _GAP_TERMINAL = 26.0, 12.0, 16.0, 0.0
-_GROWTH = 5.0 * PORT_PITCH  # of an elastic block, at most
+_GROWTH = 5.0 * PORT_PITCH  # largest growth of an elastic block
 
 
 def gap(upper: Item, lower: Item) -> float:
-    """Least distance between neighbours in a column."""
+    """Smallest distance between neighbours in a column."""
     if upper.wire or lower.wire:
         return _GAP_WIRE if upper.wire and lower.wire else _GAP_MIXED
     return _GAP_TERMINAL if upper.terminal and lower.terminal else _GAP_BOX
@@ -24,9 +24,9 @@ class _Run:
     """Items that straight wires join; they move together.
 
     Attributes:
-        y: height of the first of them.
-        members: them.
-        after: what is below one of them, and by how much at least it is lower than the first one.
+        y: height of the first item.
+        members: its items.
+        after: the neighbour below each item, and the smallest distance from the first item down to it.
     """
 
     y: float
@@ -36,7 +36,7 @@ class _Run:
 
 @dataclass(eq=False, slots=True)
 class _Member:
-    """An item, and how much lower than the first one of its run it is."""
+    """An item, and its distance below the first item of its run."""
 
     item: Item
     run: _Run
@@ -44,11 +44,11 @@ class _Member:
 
 
 class Heights:
-    """Least heights that keep the distances, and the wires that are straight so far.
+    """Smallest heights that keep the distances between items, and the wires that are straight so far.
 
     Args:
-        columns: of the diagram, in order.
-        elastic: blocks that may grow: their ports keep their order, and at least the distance that they have.
+        columns: columns of the diagram, in order.
+        elastic: blocks that may grow: their ports keep their order, and at least their present distances.
     """
 
     def __init__(self, columns: Columns, elastic: Iterable[Item] = ()) -> None:
@@ -70,7 +70,7 @@ class Heights:
             self._loosen(item)
 
     def _loosen(self, item: Item) -> None:
-        """Let the ports of a block move: down from where they are on it at least, and not beyond its limit."""
+        """Let the ports of a block move down from their places, within the largest growth of the block."""
         top = self._member[item]
         below = list(top.run.after)
         first, last = _margins(item)
@@ -88,7 +88,7 @@ class Heights:
                 above.run.after += [(member, distance - item.height + last) for member, distance in below]
 
     def reshape(self, item: Item) -> None:
-        """Give an elastic block the ports where straight wires meet them, and the height that it takes."""
+        """Set the ports of an elastic block to the heights of their straight wires, and its height to fit them."""
         first, last = _margins(item)
         ports = {side: [self._ports[item, side, name] for name in names] for side, names in item.ports.items()}
         fixed = {
@@ -108,7 +108,7 @@ class Heights:
         item.height = round(bottom - top, 2)
 
     def _end(self, item: Item, side: str, port: str) -> tuple[_Member, float]:
-        """What moves with a port, and how much lower than that the port is."""
+        """The member that moves with a port, and the distance of the port below it."""
         if (member := self._ports.get((item, side, port))) is not None:
             return member, 0.0
         return self._member[item], item.pin(side, port)[1]
@@ -119,16 +119,16 @@ class Heights:
         return {item: member.run.y + member.lower for item, member in self._member.items()}
 
     def runs(self) -> dict[Item, list[Item]]:
-        """The items that straight wires join, for each of them."""
+        """For each item the items in its run."""
         found = {id(member.run): member.run for member in self._member.values()}
         items = {key: [member.item for member in run.members] for key, run in found.items()}
         return {item: items[id(member.run)] for item, member in self._member.items()}
 
     def straighten(self, hop: Crossing) -> bool:
-        """Make a wire straight; returns False, with nothing changed, when others do not let it."""
+        """Make a wire straight; returns False, without a change, where straight wires or distances prevent it."""
         a, out = self._end(hop.left, "out", hop.left_port)
         b, into = self._end(hop.right, "in", hop.right_port)
-        shift = out - into + a.lower - b.lower  # the run of b is so much lower than that of a
+        shift = out - into + a.lower - b.lower  # distance of the run of b below that of a
         if a.run is b.run:
             return abs(shift) < 1e-6
         if self._moved(a.run, b.run, shift) and self._moved(b.run, a.run, -shift):
@@ -140,7 +140,7 @@ class Heights:
         return False
 
     def _moved(self, fixed: _Run, run: _Run, shift: float) -> bool:
-        """Move a run down to where it must be, and what is below it; False, and back, if that moves what it follows."""
+        """Move a run, and what is below it, down to its place; False, and no change, if that would move `fixed`."""
         if run.y >= fixed.y + shift - 1e-6:
             return True
         before = {run: run.y}
@@ -164,7 +164,7 @@ class Heights:
 
 
 def _join(run: _Run, other: _Run, shift: float) -> None:
-    """Make one run of two, the other one being so much lower."""
+    """Join two runs, of which the other one is lower by `shift`."""
     for member in other.members:
         member.run = run
         member.lower += shift
@@ -174,6 +174,6 @@ def _join(run: _Run, other: _Run, shift: float) -> None:
 
 
 def _margins(item: Item) -> tuple[float, float]:
-    """From the top of a block to its first port, and from the last one to the bottom."""
+    """Distances from the top of a block to its first port, and from its last port to the bottom."""
     places = [y for slots in item.slots.values() for _, y in slots]
     return min(places), item.height - max(places)

@@ -1,4 +1,4 @@
-"""Outlines of blocks: how large each is and where its ports sit. All lengths in pixels of the picture."""
+"""Outlines of blocks: size and positions of ports. All lengths are in pixels of the picture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ TITLE_SIZE, TYPE_SIZE, PORT_SIZE, SIGNAL_SIZE, SYMBOL_SIZE = 12.0, 9.5, 10.0, 9.
 PORT_PITCH = 17.0
 HEADER = 36.0  # name and type above the ports of a box
 FRAME_TITLE = 28.0  # title strip of an unfolded diagram
-FRAME_NAME = 1.18  # room for a bold name beside its type, times its width: as in DejaVu Sans
+FRAME_NAME = 1.18  # space for a bold name beside its type, as a multiple of its width: as in DejaVu Sans
 SYMBOL = 38.0
 CAPTION = 12.0  # one line of text below a symbol
 
@@ -25,7 +25,7 @@ _WIDTHS = (
     "556 556 556 556 333 500 278 556 500 722 500 500 500 334 260 334 584"
 )
 _ASCII = tuple(int(width) for width in _WIDTHS.split())  # Helvetica, 1/1000 of the font size, from the space on
-_WIDE_FONTS = 1.06  # margin for the fonts that stand in for Helvetica
+_WIDE_FONTS = 1.06  # margin for fonts that replace Helvetica
 
 
 def text_width(text: str, size: float, bold: bool = False) -> float:
@@ -39,12 +39,12 @@ class Shape:
     """A block to be drawn.
 
     Attributes:
-        form: a box with named ports, or the outline of a usual symbol.
-        width, height: of everything, captions included.
+        form: a box with named ports, or the outline of a standard symbol.
+        width, height: total size, including captions.
         body: x, y, width, height of the outline inside of that.
-        symbol: what is written in a symbol, or the name of an icon (`:saturation`).
+        symbol: text in a symbol, or the name of an icon (`:saturation`).
         captions: lines below a symbol.
-        inputs, outputs: places for ports, top to bottom.
+        inputs, outputs: positions of ports, from top to bottom.
     """
 
     form: Form
@@ -66,7 +66,7 @@ def shape_of(block: Block) -> Shape:
 
 
 def subtitle(block: Block) -> str:
-    """The line below a block's name: its type, or its equation where that says more."""
+    """The line below a block's name: its type, or the equation of a linear system."""
     if block.type_name in ("LinearSystem", "AffineSystem"):
         rest = " + f" if block.type_name == "AffineSystem" else ""
         left = "x⁺" if block.samples else "ẋ"
@@ -75,7 +75,7 @@ def subtitle(block: Block) -> str:
 
 
 def port_label(port: Port, alone: bool) -> str:
-    """Name of a port as written in a box; Drake's stand-in names say nothing when there is only one port."""
+    """Name of a port as written in a box; "" for a default name of Drake, such as `u0`, of the only port."""
     stand_in = len(port.name) <= 3 and port.name[:1] in "uy" and port.name[1:].isdigit()
     return "" if alone and stand_in and not port.logged else port.label
 
@@ -100,7 +100,7 @@ def _box(block: Block) -> Shape:
 
 
 def _row(index: int, count: int, rows: int) -> float:
-    """Height of a port's centre; the shorter side is centred on the longer one."""
+    """Vertical position of a port; the side with fewer ports is centred on the other one."""
     return HEADER + 2.0 + (index + 0.5 + (rows - count) / 2.0) * PORT_PITCH
 
 
@@ -111,7 +111,7 @@ def _symbol(block: Block, form: Form, text: str) -> Shape:
     if form == "circle":
         width = height = max(30.0, many * PORT_PITCH)
     elif form == "bar":
-        width, height = 7.0, max(many, 2) * PORT_PITCH  # the ports of a box beside it are as far apart
+        width, height = 7.0, max(many, 2) * PORT_PITCH  # the same distance as the ports of a box
     elif form == "triangle":
         width = max(42.0, text_width(text, 11.0) * 1.25 + 22.0)
     else:
@@ -171,7 +171,7 @@ def _delay_text(block: Block) -> str:
     return "z⁻" + str(steps).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-# Outline and inscription of usual blocks; inscriptions that start with a colon are icons.
+# Outline and text of common blocks; a text that starts with a colon is an icon.
 _SYMBOLS: dict[str, tuple[Form, str | Callable[[Block], str]]] = {
     "Adder": ("circle", "Σ"),
     **dict.fromkeys(("Gain", "MatrixGain", "SparseMatrixGain"), ("triangle", _gain_text)),

@@ -1,7 +1,7 @@
-"""Where the modes and arrows of a state machine go: columns from the start to the ends, arrows that lead back below.
+"""Layout of the modes and arrows of a state machine: columns from the start to the ends, arrows back below them.
 
-They are laid out as a diagram is whose wires are the arrows, in rows when there are many columns. An arrow to an end
-that many lead to is short, with the name of that end at its tip.
+The layout is that of a diagram whose wires are the arrows, in rows if there are many columns. An arrow to an end that
+many arrows lead to is drawn short, with the name of that end at its tip.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ COLOURS: dict[str, Category] = {"": "continuous", "success": "multibody", "failu
 
 _MARGIN = 16.0
 _NAME_LINE, _NOTE_LINE = 19.0, 13.0
-_PITCH = 19.0  # from arrow to arrow at a box: room for a label between them
-_TIP = 16.0  # of a short arrow behind its label
-_MOST_ARROWS = 3  # that are led to the same end
-_WIDEST, _NARROW = 2.3, 900.0  # width by height, and width [px], of what is not broken into rows
+_PITCH = 19.0  # distance between arrows at a box, with space for a label
+_TIP = 16.0  # length of a short arrow after its label
+_MOST_ARROWS = 3  # largest number of arrows that are drawn to the same end
+_WIDEST, _NARROW = 2.3, 900.0  # ratio of width to height, and width [px], up to which there is one row
 _DOT = 6.0  # radius of the mark at the start
 _START = ""  # name of that mark; no mode has it
 _WHOLE = Block("/", "", "", "diagram", "nested", (), ())  # what holds the modes; no mode has its path
@@ -38,7 +38,7 @@ class ChartPicture:
     """A laid-out chart in pixels.
 
     Attributes:
-        groups: classes and marks of every mode and arrow, modes first.
+        groups: CSS classes and marks of every mode and arrow, modes first.
     """
 
     width: float
@@ -58,10 +58,10 @@ def chart_picture(chart: MachineChart) -> ChartPicture:
     arriving = {name: [] if name in far else _arrivals(name, ways, column) for name in names}
     last = max(column.values())
     for mode in chart.modes:
-        if not arriving[mode.name]:  # it begins by itself
+        if not arriving[mode.name]:  # no arrow is drawn to it
             column[mode.name] = last
     sizes = {mode.name: _size(mode, max(len(arriving[mode.name]), len(leaving[mode.name]))) for mode in chart.modes}
-    beside: dict[str, float] = defaultdict(float)  # room for what leads far away
+    beside: dict[str, float] = defaultdict(float)  # space for short arrows
     for source, target, label in ways:
         if target in far:
             beside[source] = max(beside[source], _label_width(label) + _TIP + text_width(target, SIGNAL_SIZE) + 18.0)
@@ -108,7 +108,7 @@ def _label_width(label: str) -> float:
 
 
 def _arrivals(name: str, ways: Sequence[tuple[str, str, str]], column: Mapping[str, int]) -> list[str]:
-    """The arrows to a mode from above to below: from near to far, so that few cross, and last what leads back."""
+    """The arrows to a mode from top to bottom: from near to far, for few crossings, and last those that lead back."""
     ahead = {str(i): column[name] - column[source] for i, (source, target, _) in enumerate(ways) if target == name}
     return sorted(ahead, key=lambda i: (ahead[i] <= 0, abs(ahead[i])))
 
@@ -118,7 +118,7 @@ def _moved(point: Point) -> Point:
 
 
 def _size(mode: ChartMode, arrows: int) -> tuple[float, float]:
-    """Width and height of its box."""
+    """Width and height of the box of a mode."""
     text = _NAME_LINE + _NOTE_LINE * len(mode.notes) + 11.0
     notes = (text_width(note, TYPE_SIZE) for note in mode.notes)
     width = max(90.0, text_width(mode.name, TITLE_SIZE, bold=True) + 24.0, max(notes, default=0.0) + 24.0)
@@ -136,7 +136,7 @@ def _item(size: tuple[float, float], beside: float, rank: int, arriving: list[st
 
 
 def _mode_marks(mode: ChartMode, corner: Point, size: tuple[float, float]) -> list[Mark]:
-    """A box with round corners, of an end with a second outline; name and notes in its middle."""
+    """A box with round corners, name and notes; with a second outline for an end."""
     (x, y), (width, height) = corner, size
     marks: list[Mark] = [Rectangle("body", x, y, width, height, 9.0)]
     if mode.end:

@@ -1,4 +1,4 @@
-"""Which wires are straight: as many as possible, and blocks grow for them."""
+"""Choice of the straight wires: as many as possible, also by growing blocks."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from collections.abc import Sequence
 from forcectl.graph.layout.rows import Columns, Crossing, Item
 from forcectl.graph.layout.runs import Heights
 
-_WORK = 1500  # wires that are tried to be straight, at most
-_WORK_ELASTIC = 3000  # and while blocks grow
+_WORK = 1500  # largest number of wires that are tried to make straight, over all trials
+_WORK_ELASTIC = 3000  # the same while blocks may grow
 
 
 def most_straight(columns: Columns, wires: Sequence[Crossing], elastic: bool) -> Heights:
     """The heights with which many wires are straight.
 
     Args:
-        columns: of the diagram, in order.
-        wires: in the order in which they are made straight; where one keeps several from it, those go first.
-        elastic: whether blocks may grow: their ports move apart until wires are straight that would bend otherwise.
+        columns: columns of the diagram, in order.
+        wires: wires in the order in which they are first made straight; a better order is searched for.
+        elastic: whether blocks may grow: their ports then move apart to make further wires straight.
     """
     search = _Search(columns, wires)
     search.run(_WORK, elastic=False)
@@ -35,11 +35,11 @@ def most_straight(columns: Columns, wires: Sequence[Crossing], elastic: bool) ->
 
 
 class _Search:
-    """The wires that are straight so far, the blocks that grow for it, and the heights that follow."""
+    """Search state: the straight wires, the blocks that grow for them, and the resulting heights."""
 
     def __init__(self, columns: Columns, wires: Sequence[Crossing]) -> None:
         self._columns, self._wires = columns, wires
-        # A wire that goes straight on saves two bends; where its signal parts, only one.
+        # A straight wire saves two bends, or only one where its signal branches.
         parts = Counter((hop.net, hop.channel) for hop in wires)
         self._saves = {hop: 2 if parts[hop.net, hop.channel] == 1 else 1 for hop in wires}
         self._saved = -1
@@ -48,7 +48,7 @@ class _Search:
         self._better(wires, [])
 
     def _better(self, order: Sequence[Crossing], grown: list[Item]) -> bool:
-        """Make wires straight in an order while some blocks may grow; keeps it if it saves more bends."""
+        """Make wires straight in an order while some blocks may grow; keep the result if it saves more bends."""
         heights = Heights(self._columns, grown)
         straight = [hop for hop in order if heights.straighten(hop)]
         saved = sum(map(self._saves.__getitem__, straight))
@@ -58,7 +58,7 @@ class _Search:
         return True
 
     def run(self, work: int, elastic: bool) -> None:
-        """Try one bent wire after the other, before all others or, while its blocks grow, behind the straight ones."""
+        """Try each bent wire: before all others, or, with its blocks growing, after the straight ones."""
         trials = work // max(len(self._wires), 1)
         waiting = self._bent()
         while waiting and trials > 0:

@@ -1,4 +1,4 @@
-"""The rows of an open diagram: each a layered layout of its own, and the wires that lead from one to another."""
+"""The rows of an open diagram, each with its own layered layout, and the wires between rows."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from forcectl.graph.layout.shapes import PORT_PITCH, PORT_SIZE, text_width
 from forcectl.graph.layout.sorting.sweeps import BOTTOM
 from forcectl.graph.model import Block, Endpoint
 
-_TERMINAL_LINE = 15.0  # from the top of a terminal's name to its wire
-_POINT = 12.0  # height of a place where a wire enters or leaves a row
-_BETWEEN = 22.0  # from a row to the next, beside the wires between them
+_TERMINAL_LINE = 15.0  # distance from the top of a terminal's name to its wire
+_POINT = 12.0  # height of an item where a wire enters or leaves a row
+_BETWEEN = 22.0  # distance from row to row, in addition to the wires between them
 
-_Part = tuple[Endpoint, bool]  # source of a signal, and whether it enters at the left from outside of the row
+_Part = tuple[Endpoint, bool]  # source of a signal, and whether it enters the row from outside
 
 
 class Strip:
-    """One row: items, the signals among them, and its left and right ends.
+    """The layout of one row: its items and the wires between them.
 
     Args:
-        items: with their columns, from 1 on; ends are at the first and behind the last.
-        nets: the parts of the signals in this row.
-        outside: where the wires at the ends come from or go to, as far as known.
-        count: number of columns, ends included.
+        items: items with their columns, from 1 on, and the ends of wires at both sides of the row.
+        nets: parts of the signals in this row.
+        outside: heights at which the wires of the ends continue outside of the row, as far as known.
+        count: number of columns, including those of the ends.
         careful: see `place_rows`.
     """
 
@@ -59,7 +59,7 @@ class Strip:
         self.width, self._channels = set_columns(every, self.columns, hops, turns)
 
     def path(self, part: _Part, target: End) -> list[Point]:
-        """Corners of a wire, counted from the corner of the strip."""
+        """Corners of a wire, relative to the corner of the row."""
         return wire_points(self.nets[part], self._number[part], target, self._channels)
 
 
@@ -68,13 +68,14 @@ class Strips:
 
     Args:
         block: the diagram.
-        items: for its blocks, with their columns.
+        items: items of its blocks, with their columns.
         wires: targets of each source.
         labels: widths of the texts at the sources.
-        hints: where the wires of its ports come from and go to, by side and port.
-        cuts: columns behind which a row ends.
-        inward: rows and signals that lead back to them in at the right end, not around all rows and in at the left.
-        careful: see `Strip`.
+        hints: order in which the wires of its ports arrive and leave outside, by side and port.
+        cuts: columns after which a row ends.
+        inward: (row, signal) for signals from a later row that enter at the right end of the row, instead of running
+            around all rows and entering at the left.
+        careful: see `place_rows`.
     """
 
     def __init__(
@@ -99,7 +100,8 @@ class Strips:
         for path, item in items.items():
             item.rank -= first[self._row[path]] - 1
         self._counts = [end - start + 3 for start, end in zip(first, self._ends, strict=True)]
-        # The ends of wires at a row: terminals of the diagram, and where a wire leads to or comes from another row.
+        # The ends of wires at a row: terminals of the diagram, and the items where a wire goes to or comes from another
+        # row.
         self._entries: dict[tuple[int, Endpoint], Item] = {}
         self._exits: dict[tuple[int, Endpoint], Item] = {}
         self._inlets: dict[tuple[int, Endpoint], Item] = {}
@@ -152,7 +154,7 @@ class Strips:
                     outside[leaving] = -BOTTOM if upwards else BOTTOM
                     back = [] if upwards else [end for end in here if end[0].rank <= start[0].rank]
                     here = [*(end for end in here if end not in back), (leaving, source.port)]
-                    if back:  # goes round the row with what leads to the next one
+                    if back:  # these targets are reached around the row, with the wire to the next row
                         point = self._point(0, "out", source.port)
                         self._entries[row, source], outside[point] = point, BOTTOM
                         nets[source, True] = Net((point, source.port), back)
@@ -164,7 +166,7 @@ class Strips:
                 start = self._point(0, "out", source.port), source.port
                 self._entries[row, source] = start[0]
                 came = self._exits.get((home, source))
-                # What comes from above keeps its order; what leads back enters below it.
+                # Wires from an earlier row keep their order; those from a later row enter below them.
                 outside[start[0]] = BOTTOM if came is None else came.y
             else:
                 continue
@@ -185,7 +187,7 @@ class Strips:
             outside[item] = hint
 
     def _terminal(self, rank: int, port: str, side: str) -> Item:
-        """A port of the diagram itself; its wire starts or ends at the border, below the name."""
+        """Item of a port of the diagram itself; its wire starts or ends at the border, below the name."""
         width = 0.0 if self._several else text_width(port if side == "out" else self._label[port], PORT_SIZE) + 14.0
         at = (0.0 if side == "out" else width, _TERMINAL_LINE)
         return Item(rank, width, PORT_PITCH, {side: [port]}, {side: [at]}, terminal=True)
@@ -194,8 +196,8 @@ class Strips:
         return Item(rank, 0.0, _POINT, {side: [port]}, {side: [(0.0, _POINT / 2.0)]}, terminal=True)
 
     def _join_rows(self) -> None:
-        """Stack the rows and lead the wires from one to another."""
-        between: dict[int, list[Endpoint]] = defaultdict(list)  # by the row that a wire runs below
+        """Stack the rows, and route the wires between them."""
+        between: dict[int, list[Endpoint]] = defaultdict(list)  # row -> the wires that run below it
         bottom = len(self._strips) - 1
         upwards: list[Endpoint] = []  # from the uppermost on
         for (row, source), _ in sorted(self._exits.items(), key=lambda one: -one[1].y):
@@ -212,13 +214,14 @@ class Strips:
         self._right: dict[Endpoint, float] = {}
         self._lane: dict[Endpoint, float] = {}
         names = {side: self._names(side) for side in ("in", "out")}
-        # From the outside: what comes back, the border, and the wires to the next row, the upper lane further out.
+        # From the outside in: wires to earlier rows, wires of the border, wires to the next row; upper lanes further
+        # out.
         order = [*around[::-1], *from_border, *down]
         if self._several:
             for number, source in enumerate(order):
                 self._left[source] = names["in"] + 8.0 + TRACK * number
         self._begin = names["in"] + (TRACK * len(order) + 14.0 if order else 0.0)
-        # What leads on below its row runs down beside it, everything else outside of all rows.
+        # Wires that continue below their own row run down beside it, all others outside of all rows.
         close = {row: [s for s in between[row] if home[s] == row] for row in range(bottom + 1)}
         end = max(strip.width for strip in self._strips)
         for row, strip in enumerate(self._strips):
@@ -248,7 +251,7 @@ class Strips:
         self.width = self._begin + end + names["out"]
 
     def _names(self, side: str) -> float:
-        """Width of the column of names of the diagram's ports at one side."""
+        """Width of the column with the names of the diagram's ports at one side; 0 for a single row."""
         names = [name for at, name in self._terminals if at == side]
         return (
             max(
@@ -260,7 +263,7 @@ class Strips:
         )
 
     def widen(self, width: float) -> None:
-        """Make the diagram so wide at least."""
+        """Widen the diagram to at least this width."""
         if (more := width - self.width) > 0.0:
             self.width = width
             for (side, _), (_, item) in self._terminals.items():
@@ -268,11 +271,11 @@ class Strips:
                     item.x += more
 
     def inputs(self) -> dict[str, Point]:
-        """Places of the diagram's inputs."""
+        """Positions of the diagram's inputs."""
         return {port.name: self._at_border("in", port.name) for port in self._block.inputs}
 
     def outputs(self) -> dict[str, Point]:
-        """Places of its outputs."""
+        """Positions of the diagram's outputs."""
         return {port.name: self._at_border("out", port.name) for port in self._block.outputs}
 
     def _at_border(self, side: str, port: str) -> Point:
@@ -280,7 +283,7 @@ class Strips:
         return 0.0 if side == "in" else self.width, item.y + _TERMINAL_LINE + self._tops[row]
 
     def text_at(self, source: Endpoint) -> Point:
-        """Where the text of a signal starts."""
+        """Position at which the text of a signal starts."""
         if source.block == self._block.path:
             x, y = self._at_border("in", source.port)
             return x + text_width(source.port, PORT_SIZE) + 14.0, y
@@ -334,12 +337,12 @@ class Strips:
         return self._moved_point(self._row[path], (item.x, item.y))
 
     def leading_back(self) -> list[tuple[int, Endpoint]]:
-        """The rows, and the signals that lead to them from a later one."""
+        """(row, signal) for every signal that enters a row from a later one."""
         of_blocks = [(row, source) for row, source in self._entries if source.block != self._block.path]
         return [(row, source) for row, source in of_blocks if self._row[source.block] > row]
 
     def spans(self) -> list[float]:
-        """How wide each column of blocks in the only row is, with the channel to its right."""
+        """Width of each column of blocks in a single row, including the channel to its right."""
         (strip,) = self._strips
         starts = [min(item.x for item in column if not item.wire) for column in strip.columns[1:-1]]
         return [after - before for before, after in itertools.pairwise([*starts, strip.width])]

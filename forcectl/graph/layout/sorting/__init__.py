@@ -1,1 +1,1 @@
-"""The order in the columns, in which few wires cross and bend."""
+"""Ordering of the columns for few crossings and bends."""

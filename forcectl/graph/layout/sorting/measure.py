@@ -1,4 +1,4 @@
-"""How many wires cross and bend in a picture, whoever laid it out."""
+"""Number of crossings and bends in a picture, independent of its layout algorithm."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from collections.abc import Iterable, Sequence
 
 from forcectl.graph.layout.rows import Point
 
-Wires = Sequence[Sequence[Point]]  # of one signal
-Lines = list[tuple[float, float, float]]  # where on the other axis, from, to
+Wires = Sequence[Sequence[Point]]  # corners of each wire of one signal
+Lines = list[tuple[float, float, float]]  # of a line: its fixed coordinate, start and end along it
 
-CROSSING = 1.0  # as bad as that many bends
+CROSSING = 1.0  # cost of a crossing in bends
 _NEAR = 0.05  # [px]
 
 
 def count_crossings(nets: Iterable[Wires]) -> int:
-    """How often wires of two signals cross; wires of one signal that run together count as one."""
+    """Number of crossings between wires of different signals; wires of one signal that overlap count once."""
     level = [(_lines(wires, 1), _lines(wires, 0)) for wires in nets]
     return sum(
         low + _NEAR < x < high - _NEAR and bottom + _NEAR < y < top - _NEAR
@@ -27,7 +27,7 @@ def count_crossings(nets: Iterable[Wires]) -> int:
 
 
 def count_bends(nets: Iterable[Wires]) -> int:
-    """How many corners the signals have; one where several wires of a signal turn together counts once."""
+    """Number of corners of the signals; a corner that several wires of a signal share counts once."""
     total = 0
     for wires in nets:
         corners: list[Point] = []
@@ -51,7 +51,7 @@ def _turns(before: Point, at: Point, after: Point) -> bool:
 
 
 def _lines(wires: Wires, axis: int) -> Lines:
-    """The lines of a signal along which a coordinate does not change, those that overlap joined."""
+    """The lines of a signal with constant coordinate `axis`; overlapping ones are joined."""
     spans: dict[float, list[list[float]]] = defaultdict(list)
     for wire in wires:
         for one, other in itertools.pairwise(wire):

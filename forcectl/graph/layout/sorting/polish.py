@@ -1,7 +1,7 @@
-"""Last changes to the order in the columns, which save more bends than they add crossings.
+"""Final changes of the order in the columns, which save more bends than they add crossings.
 
-A sweep moves one item at a time and looks at crossings alone. Here a wire moves as a whole, straight lines exchange
-places, and bends count too.
+A sweep moves one item at a time and counts crossings only. Here a wire moves as a whole, straight lines are exchanged,
+and bends count, too.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from forcectl.graph.layout.sorting.measure import CROSSING
 from forcectl.graph.layout.sorting.strands import crossings_of
 from forcectl.graph.layout.sorting.sweeps import Sorter
 
-_TRIES = 60  # exchanges whose bends are counted, at most
-_LARGEST = 200  # hops of wires from column to column where it is tried
-_MORE = 2  # crossings that an exchange may add
+_TRIES = 60  # largest number of exchanges whose bends are counted
+_LARGEST = 200  # largest number of hops for which polishing is tried
+_MORE = 2  # number of crossings that an exchange may add
 
 _Pairs = list[tuple[Item, Item]]  # neighbours, the upper one first
 
@@ -28,8 +28,8 @@ def polish(sorter: Sorter, hops: Iterable[Crossing], bends: Callable[[], int]) -
     """Improve the order of a sorter.
 
     Args:
-        sorter: with its columns ordered.
-        hops: of all wires.
+        sorter: sorter with ordered columns.
+        hops: hops of all wires.
         bends: sets heights, and counts the corners of all wires.
     """
     ordered = sorted(hops, key=lambda hop: hop.channel)
@@ -41,7 +41,7 @@ def polish(sorter: Sorter, hops: Iterable[Crossing], bends: Callable[[], int]) -
     tries, improved = _TRIES, True
     while improved and tries:
         improved = False
-        bends()  # of the order as it is: by their heights wires are straight or not
+        bends()  # sets the heights for this order, which decide what wires are straight
         for pairs in _exchanges(sorter, ordered):
             if not tries:
                 break
@@ -62,7 +62,7 @@ def polish(sorter: Sorter, hops: Iterable[Crossing], bends: Callable[[], int]) -
 
 
 def _chains(hops: Sequence[Crossing]) -> list[tuple[int, list[Item]]]:
-    """The net and the bend points of every wire that passes columns, from left to right; hops by channel."""
+    """Net and bend points, from left to right, of every wire that passes columns; `hops` are sorted by channel."""
     net = {item: hop.net for hop in hops for item in (hop.left, hop.right) if item.wire}
     following = {hop.left: hop.right for hop in hops if hop.left.wire and hop.right.wire}
     later = set(following.values())
@@ -77,7 +77,7 @@ def _chains(hops: Sequence[Crossing]) -> list[tuple[int, list[Item]]]:
 
 
 def _exchanges(sorter: Sorter, hops: Sequence[Crossing]) -> list[_Pairs]:
-    """Neighbours to be exchanged, of which one bends at least: each pair alone, and all pairs of two straight lines."""
+    """Candidate exchanges of neighbours with a bend: each pair alone, and all pairs of the same two lines together."""
     line = {item: number for number, item in enumerate(itertools.chain.from_iterable(sorter.columns))}
     bent: set[int] = set()
     for hop in hops:
@@ -97,7 +97,7 @@ def _exchanges(sorter: Sorter, hops: Sequence[Crossing]) -> list[_Pairs]:
 
 
 def _lead(sorter: Sorter, net: int, chain: list[Item], bent: int, bends: Callable[[], int]) -> int:
-    """Lead a wire through the columns where it crosses least, if that is better; returns the number of bends."""
+    """Move a wire to its slots with the fewest crossings, if that is better; returns the number of bends."""
     first = chain[0].rank - 1
     channels = [sorter.strands[channel] for channel in range(first, first + len(chain) + 1)]
     others = [[other for number, other in strands.items() if number != net] for strands in channels]
@@ -115,7 +115,7 @@ def _lead(sorter: Sorter, net: int, chain: list[Item], bent: int, bends: Callabl
         column.remove(item)
         for row, other in enumerate(column):
             sorter.set_row(other, 2 * row + 1)  # slot number n is row 2 n
-    # Through each channel from every slot to every slot: the least crossings up to there, and the slot before.
+    # Dynamic programming over channels: for each slot, the fewest crossings up to there and the slot before.
     costs = [0.0]
     ways: list[list[int]] = []
     for channel, several in enumerate(others):
@@ -140,7 +140,7 @@ def _lead(sorter: Sorter, net: int, chain: list[Item], bent: int, bends: Callabl
                 if channel:
                     sorter.set_row(chain[channel - 1], 2 * earlier)
                 crossings = sum(map(crossings_of, rest)) + (table[earlier][slot] if plain else 0)
-                found.append(cost + crossings - 0.001 * slot)  # of equals the lower one
+                found.append(cost + crossings - 0.001 * slot)  # among equals the lowest slot
             way.append(min(range(len(found)), key=found.__getitem__))
             reached.append(found[way[-1]])
         costs = reached

@@ -1,4 +1,4 @@
-"""Signals in the channels between columns: where their ends are, and how often two of them cross."""
+"""Signals in the channels between columns: positions of their ends, and the number of crossings of two signals."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ class Pin:
     """One end of a signal in a channel.
 
     Attributes:
-        fraction: of the height of the item, at which it is.
-        at: its place in the column: row of the item and fraction of it.
+        fraction: position on the item as a fraction of the item's height.
+        at: position in the column: row of the item plus fraction.
     """
 
     fraction: float = 0.5
@@ -25,10 +25,10 @@ class Strand:
 
     Attributes:
         left, right: its ends in the columns at either side.
-        simple: one end on either side.
-        moved: whether an end is elsewhere since `look` was called.
-        lefts, rights: places of the ends, as `look` found them.
-        low, high: the least and the greatest of all of them.
+        simple: whether it has one end on either side.
+        moved: whether an end has moved since the last call of `look`.
+        lefts, rights: positions of the ends at that call.
+        low, high: smallest and largest of these positions.
     """
 
     left: list[Pin] = field(default_factory=list)
@@ -41,7 +41,7 @@ class Strand:
     high: float = 0.0
 
     def look(self) -> None:
-        """Find out where the ends are."""
+        """Update the positions of the ends."""
         self.lefts = [pin.at for pin in self.left]
         self.rights = [pin.at for pin in self.right]
         ends = self.lefts + self.rights
@@ -52,7 +52,7 @@ Pair = tuple[Strand, Strand]
 
 
 def pairs_of(some: Sequence[Strand], others: Sequence[Strand]) -> list[Pair]:
-    """The pairs of two different ones, each pair once."""
+    """All pairs of different strands, each pair once."""
     found = {}
     for a in some:
         for b in others:
@@ -62,9 +62,9 @@ def pairs_of(some: Sequence[Strand], others: Sequence[Strand]) -> list[Pair]:
 
 
 def crossings_of(pair: Pair) -> int:
-    """How often two signals cross in a channel when the upright lines of both stand in the better order."""
+    """Number of crossings of two signals in a channel, with their vertical lines in the better order."""
     one, other = pair
-    if one.simple and other.simple:  # by far the most: one end on either side
+    if one.simple and other.simple:  # by far the most frequent case: one end on either side
         left = one.left[0].at - other.left[0].at
         return 1 if left * (one.right[0].at - other.right[0].at) < 0.0 else 0
     if one.moved:

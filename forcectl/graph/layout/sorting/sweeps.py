@@ -1,8 +1,8 @@
-"""The order of what stands in each column: wires between neighbouring columns shall cross as seldom as possible.
+"""The order of the items in each column, with as few crossings of wires between columns as possible.
 
-Columns are ordered by the mean place of their neighbours in sweeps to the right and to the left; then single items and
-single ports move to where fewest wires cross. A crossing counts between signals, not between their branches. Of the
-orders that the sweeps give, the one with the fewest bends and crossings stays.
+In sweeps to the right and to the left, columns are sorted by the mean position of their neighbours. Then single items
+and single ports move to the position with the fewest crossings. Crossings are counted between signals, not between
+branches of a signal. Of the orders after each sweep, the one with the fewest bends and crossings is kept.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ from forcectl.graph.layout.sorting.measure import CROSSING
 from forcectl.graph.layout.sorting.strands import Pair, Pin, Strand, crossings_of, pairs_of
 
 _SWEEPS, _ROUNDS, _PATIENCE = 8, 4, 2
-_MORE = 2  # crossings more than in the best order, where bends decide
-_WORK = 500  # sweeps times signals in the channels, at most
+_MORE = 2  # crossings above the fewest up to which bends of an order are counted
+_WORK = 500  # limit of sweeps times signals in the channels
 BOTTOM = 1.0e6
 
 
 @dataclass(slots=True)
 class _Meeting:
-    """What two items of a column have to do with each other.
+    """The pairs of signals at two items of a column, for counting their crossings.
 
     Attributes:
-        ends: where the signals of the one and of the other go, of those that have one end on either side.
-        others: pairs of signals otherwise.
+        ends: far ends of pairs of signals that have one end on either side.
+        others: all other pairs of signals.
     """
 
     ends: list[tuple[Pin, Pin]]
     others: list[Pair]
 
     def tangled(self, above: bool) -> bool:
-        """Whether signals cross, the one item being above the other or below it."""
+        """Whether signals cross, with the one item above the other (or below it)."""
         for one, other in self.ends:
             if one.at > other.at if above else one.at < other.at:
                 return True
         return any(map(crossings_of, self.others))
 
     def added(self, above: bool) -> int:
-        """How many of the signals with one end on either side cross more, when the one item above goes below."""
+        """Crossings added among `ends` when the one item moves from above the other to below it (or the reverse)."""
         more = 0
         for one, other in self.ends:
             more += (one.at < other.at) - (one.at > other.at)
@@ -53,10 +53,10 @@ class Sorter:
     """Orders the items of each column, and the ports of loose ones.
 
     Args:
-        columns: of the diagram.
-        hops: of all wires.
-        turns: of the wires that lead back.
-        outside: heights, in any unit, at which the wires of terminals go on outside of the diagram.
+        columns: columns of the diagram.
+        hops: hops of all wires.
+        turns: turns of the wires that lead back.
+        outside: heights, in any unit, at which the wires of terminals continue outside of the diagram.
     """
 
     def __init__(
@@ -75,8 +75,8 @@ class Sorter:
         self._starting: dict[tuple[Item, str, str], list[Strand]] = defaultdict(list)
         self._strands_of: dict[Item, list[Strand]] = defaultdict(list)
         self._between: dict[tuple[Item, Item], _Meeting] = {}
-        self._changes = [0] * (len(columns) + 2)  # of each column, those before the first and behind the last one too
-        self._settled: dict[Item, tuple[int, ...]] = {}  # changes of the columns around, when it stood best where it is
+        self._changes = [0] * (len(columns) + 2)  # changes of each column, with one more column at either end
+        self._settled: dict[Item, tuple[int, ...]] = {}  # adjacent columns' changes when the item was in its best row
         for hop in hops:
             strand = self.strands[hop.channel][hop.net]
             self._join(strand, "left", hop.left, "out", hop.left_port)
@@ -109,7 +109,7 @@ class Sorter:
             self._touching[item, way].append(strand)
 
     def set_row(self, item: Item, row: int) -> None:
-        """Put an item into a row: its wires end there."""
+        """Set the row of an item, and move the ends of its wires with it."""
         if item.row != row:
             item.row = row
             self._move_pins(item)
@@ -123,16 +123,16 @@ class Sorter:
         self._changes[item.rank + 1] += 1
 
     def number_rows(self, columns: Columns) -> None:
-        """Put the items of some columns into the rows in which they stand there."""
+        """Set the row of each item in some columns to its index."""
         for column in columns:
             for row, item in enumerate(column):
                 self.set_row(item, row)
 
     def sort(self, bends: Callable[[], int] | None) -> None:
-        """Find the order in which few wires cross and bend.
+        """Find an order with few crossings and bends.
 
         Args:
-            bends: sets heights, and counts the corners of all wires; None: only crossings count, and two sweeps do.
+            bends: sets heights, and counts the corners of all wires; None: only crossings count, in two sweeps.
         """
         best: tuple[float, list[list[Item]], dict[Item, dict[str, list[str]]]] | None = None
         patience, least = _PATIENCE, 0
@@ -181,14 +181,14 @@ class Sorter:
             self._move_pins(item)
 
     def _sweep(self, rightwards: bool) -> None:
-        """Order every column by the mean place of what it is wired to in the one before."""
+        """Sort every column by the mean position of the items that it is connected to in the column before."""
         count = len(self.columns)
         for rank in range(1, count) if rightwards else range(count - 2, -1, -1):
             near, far = ("right", "left") if rightwards else ("left", "right")
             pull: dict[Item, list[float]] = defaultdict(list)
             for strand in self.strands[rank - 1 if rightwards else rank].values():
                 there = [pin.at for pin in getattr(strand, far)]
-                if not there:  # it turns round: below everything
+                if not there:  # a wire that turns back: below all others
                     rows = len(self.columns[rank])
                     there = [rows + 2.0 - min(pin.at for pin in getattr(strand, near)) / (rows + 1.0)]
                 for pin in getattr(strand, near):
@@ -199,7 +199,7 @@ class Sorter:
             self.number_rows([column])
 
     def _sort_ports(self, by_mean: bool) -> bool:
-        """Exchange the ports of loose items: first by the mean place of their other ends, then neighbours."""
+        """Sort the ports of loose items by the mean position of their other ends, then exchange neighbours."""
         moved = False
         for item in itertools.chain.from_iterable(self.columns):
             if not item.loose:
@@ -247,12 +247,12 @@ class Sorter:
                     if self._sift(column, item):
                         moved = True
                     else:
-                        self._changes[rank + 1] = around[1]  # everything stands where it stood
+                        self._changes[rank + 1] = around[1]  # the order is unchanged
                         self._settled[item] = around
         return moved
 
     def _sift(self, column: list[Item], item: Item) -> bool:
-        """Move an item through its column, and leave it where fewest wires cross."""
+        """Move an item to the row of its column with the fewest crossings."""
         start = item.row
         best, least = start, 0
         if not any(self._meeting(item, other).tangled(start < other.row) for other in column if other is not item):
@@ -279,7 +279,7 @@ class Sorter:
         self.set_row(item, row)
 
     def swapped(self, column: list[Item], item: Item, row: int) -> int:
-        """Exchange an item with its neighbour; returns how many crossings more there are."""
+        """Exchange an item with its neighbour; returns the change of the number of crossings."""
         meeting = self._meeting(item, column[row])
         more = meeting.added(item.row < row)
         if meeting.others:
