@@ -79,9 +79,7 @@ class _Ticks(_Shared):
                 first tick.
         """
         self._period = check("period", period, "positive")
-        self._soonest = (
-            0.999 * period
-        )  # [s] after a tick that the next one may come; the margin is far above rounding errors of the times
+        self._soonest = 0.999 * period  # [s] from tick to tick, with a margin for rounding errors of the times
         self._inputs = {port.get_name(): port for port in inputs}
         self._optional = {name: self._inputs[name] for name in self.optional_inputs if name in self._inputs}
         self._wide = [port.get_name() for port in inputs if port.size() > math.prod(self._shape)]

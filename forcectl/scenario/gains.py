@@ -23,14 +23,7 @@ if TYPE_CHECKING:
     from forcectl.scenario.scenario import Scenario
 
 Experiment = Callable[[str, str | None], "Scenario"]  # name and variant -> the scenario
-_OF_THE_RUN = (
-    "station",
-    "model",
-    "estimators",
-    "signals",
-    "guard",
-    "seed",
-)  # keys that the experiment takes from the scenario
+_OF_THE_RUN = ("station", "model", "estimators", "signals", "guard", "seed")  # keys that the experiment gets
 
 
 @dataclass(frozen=True)

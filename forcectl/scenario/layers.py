@@ -107,9 +107,7 @@ class Layers:
         if isinstance(drive, str):
             return drive.removeprefix("!")
         tags = {path: tag for tag, path in catalog.tags_of("drive").items()}
-        bases = map(
-            path_of, type(getattr(drive, "given", drive)).__mro__
-        )  # a subclass counts as the drive it is derived from
+        bases = map(path_of, type(getattr(drive, "given", drive)).__mro__)  # a subclass is a drive of its kind
         return next((tags[path] for path in bases if path in tags), "")
 
     def merged(self) -> Tagged:

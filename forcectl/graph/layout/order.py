@@ -45,9 +45,7 @@ def columns_of(order: Sequence[str], arcs: Iterable[_Arc]) -> dict[str, int]:
     rank: dict[str, int] = {}
     for path in order:
         rank[path] = 1 + max((rank[earlier] for earlier in before[path]), default=0)
-    for path in reversed(
-        order
-    ):  # for short wires, a block with more neighbours to the right than to the left moves to the right
+    for path in reversed(order):  # for short wires, a block moves to the right if it has more neighbours there
         if len(after[path]) > len(before[path]):
             rank[path] = min(rank[later] for later in after[path]) - 1
     return rank

@@ -71,7 +71,7 @@ class Turn:
     """The turn of a wire that leads back: beside a column it joins a port to the wire's bend point in that column.
 
     Attributes:
-        side: side of the channel: "left", after the block that it leaves, or "right", before the block where it arrives.
+        side: side of the channel: "left", after the block that it leaves, or "right", before the block that it enters.
     """
 
     net: int

@@ -31,12 +31,7 @@ _OUTLASTS = 20  # multiple of the duration that a motion, or the file of a refer
 _ANYWAY = 60.0  # [s] that ramps, moves and periods may last in any run, however short
 # Parts whose times count from the start of the run.
 _TIMED = ("controller", "station", "estimators", "reference", "motion")
-_SLOW = (
-    "_gain",
-    "_bandwidth",
-    "_rate",
-    "bandwidth",
-)  # endings of keys [1/s, rad/s] that are the inverse of a time constant
+_SLOW = ("_gain", "_bandwidth", "_rate", "bandwidth")  # endings of keys [1/s, rad/s] of inverse time constants
 
 
 def check_times(scenario: Scenario, overrides: Mapping[str, Any]) -> None:
@@ -82,9 +77,7 @@ def _starts(scenario: Scenario) -> Iterator[tuple[str, float]]:
             if field.name not in _STARTS or (name == "controller" and (start == default_of(field) or of_several)):
                 continue
             if isinstance(start, list):
-                each = (
-                    start if name == "reference" else start[:1]
-                )  # a motion holds its last speed, so only its first time counts
+                each = start if name == "reference" else start[:1]  # a motion holds its last speed
                 yield from ((f"{key}.{i}", float(time)) for i, time in enumerate(each))
             elif isinstance(start, int | float):
                 yield key, float(start)
