@@ -151,7 +151,7 @@ class BatchBlock(PythonBlock):
         context.get_mutable_numeric_parameter(index).SetFromVector(checked)
 
     def parameter(self, context: Context, name: str) -> Array:
-        """A parameter as it stands in this block's context, shape (n,)."""
+        """The value of a parameter in this block's context, shape (n,)."""
         return context.get_numeric_parameter(self._find(name)).CopyToVector()
 
     def check_together(self, values: Mapping[str, Array]) -> None:

@@ -187,7 +187,7 @@ class Scenario(Config):
             found = getattr(self.analyses[name], method)(read_only(log), *arguments)
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # whatever the user's analysis does
+        except BaseException as error:  # a user's analysis may raise anything
             raise RunFailedError(f"analyses.{name}: {method} raised {one_line(error)}") from error
         if not isinstance(found, kind):
             wanted = f"a {kind.__name__.lower()}"

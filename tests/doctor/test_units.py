@@ -1,4 +1,4 @@
-"""Wires that join two units or two frames."""
+"""Connections between ports of different units or frames."""
 
 import pytest
 from pydrake.systems.framework import DiagramBuilder

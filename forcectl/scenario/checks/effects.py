@@ -1,4 +1,4 @@
-"""Checks of drives, joints, loads and the guard: keys that have no effect beside the values of other keys."""
+"""Checks of drives, joints, loads and the guard: keys that have no effect with the given values of other keys."""
 
 from __future__ import annotations
 
