@@ -42,7 +42,7 @@ def sweep(
         str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler that runs the trials instead.")
     ] = None,
     trial_timeout: Annotated[
-        float | None, typer.Option(metavar="S", help="Longest computing time of a trial, in seconds.")
+        float | None, typer.Option(metavar="S", help="Longest elapsed time of a trial, in seconds.")
     ] = None,
     report: Annotated[bool, typer.Option(help="Write report.html and its figures.")] = True,
     allow_imports: AllowImports = None,
