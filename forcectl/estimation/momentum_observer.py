@@ -123,7 +123,7 @@ class MomentumObserver(SampledBatch):
         n = model.num_joints
         friction = JointFriction(n) if friction is None else friction
         if friction.size != n:
-            raise BadInputError(f"friction is of {friction.size} joints: must be of {n}, as the model")
+            raise BadInputError(f"friction has {friction.size} joints: must have {n}, as the model")
         super().__init__(
             n,
             {

@@ -81,7 +81,7 @@ class MovingJointsFilter(SampledBlock):
         super().__init__()
         n = model.num_joints
         if friction.size != n:
-            raise BadInputError(f"friction is of {friction.size} joints: must be of {n}, as the model")
+            raise BadInputError(f"friction has {friction.size} joints: must have {n}, as the model")
         for given in (frame, expressed_in):
             if given is not None and not model.owns(given):
                 raise BadInputError(f"frame {given.name()!r}: must be of the plant of the momentum model")

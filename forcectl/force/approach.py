@@ -57,7 +57,7 @@ _FORCES = {"desired_force": "regulated_force", "measured_force": "felt_force"}
 # Ports of a controller of joints behind a guarded move.
 _APPROACHED = (*_FORCES, "approach_displacement")
 _COMMANDS = ("joint_position_command", "approach_displacement")
-_WANTED = "must be a force law, or a controller of joints with add_approached, such as !InvarianceRobot"
+_ALLOWED = "must be a force law, or a controller of joints with add_approached, such as !InvarianceRobot"
 
 
 class GuardedMove(SampledBatch):
@@ -207,7 +207,7 @@ class ApproachForceLaw(Around):
     def __init__(self, builder: DiagramBuilder, law: System, move: GuardedMove):
         super().__init__(law)
         if "joint_position_command" in output_names(law):
-            raise BadInputError(f"{type(law).__name__} cannot be approached: {_WANTED}")
+            raise BadInputError(f"{type(law).__name__} cannot follow a guarded move: {_ALLOWED}")
         require_force_law(law, _FORCES)
         if "approach_mode" in output_names(law):
             raise BadInputError(f"{type(law).__name__} has a guarded move of its own: must be a law without one")
@@ -255,7 +255,7 @@ class ApproachedController(Around):
         inputs, outputs = input_names(controller), output_names(controller)
         if not (set(_APPROACHED) <= set(inputs) and set(_COMMANDS) <= set(outputs)):
             wanted = f"the inputs {', '.join(_APPROACHED)} and the outputs {', '.join(_COMMANDS)}"
-            raise BadInputError(f"add_approached makes a {type(controller).__name__}: must have {wanted}")
+            raise BadInputError(f"add_approached returns a {type(controller).__name__}: must have {wanted}")
         builder.Connect(_add_move(builder, move, controller), controller.GetInputPort("approach_displacement"))
         export_all_inputs(builder, controller, but=_APPROACHED)
         builder.ExportOutput(move.GetOutputPort("approach_mode"), "approach_mode")
@@ -333,7 +333,7 @@ class ApproachConfig(AroundLawConfig, Config):
         if self.patience > self.timeout:
             raise invalid("patience", self.patience, f"at most timeout = {self.timeout:g} s")
         if any(hasattr(each, "excitation") for each in self.laws_within()):
-            fault = " makes an experiment from the start of the run on: must be a law that waits for the hand-over"
+            fault = " starts its experiment at the start of the run: must be a law that can wait for the contact"
             raise BadInputError(fault, key="law")
 
     def approach_speed(self) -> tuple[str, float]:

@@ -37,7 +37,7 @@ def require_force_law(law: System, inputs: Iterable[str]) -> None:
     """
     inputs = list(inputs)
     if "joint_position_command" in output_names(law):
-        raise BadInputError(f"{type(law).__name__} commands joints: must be a force law, of displacements")
+        raise BadInputError(f"{type(law).__name__} commands joints: must be a force law, which commands displacements")
     if "displacement_command" not in output_names(law) or not set(inputs) <= set(input_names(law)):
         wanted = ", ".join([*inputs, "displacement_command"])
         raise BadInputError(f"{type(law).__name__} is no force law: must have {wanted}")

@@ -243,7 +243,7 @@ class VrftConfig(Config, LinearLawConfig, in_batches=True):
         if self.gains_from is not None:
             for field in fields(self):
                 if field.name in GAINS and (gain := getattr(self, field.name)) != field.default:
-                    raise invalid(field.name, gain, f"left out: gains_from = {self.gains_from!r} finds it")
+                    raise invalid(field.name, gain, f"left out: gains_from = {self.gains_from!r} determines it")
             return
         if self.gains_variant is not None:
             raise invalid("gains_variant", self.gains_variant, "null without gains_from")
@@ -251,7 +251,7 @@ class VrftConfig(Config, LinearLawConfig, in_batches=True):
             allowed = "below zero with integral_gain = 0: else the law does not press"
             raise invalid("proportional_gain", self.proportional_gain, allowed)
         if self.proportional_gain > (most := -EARLY * self.integral_gain) and not any(self.fir):
-            allowed = f"at most {most:g} m/N, {EARLY:g} s times minus integral_gain: pressing is negative"
+            allowed = f"at most {most:g} m/N, {EARLY:g} s times minus integral_gain: a push is negative"
             raise invalid("proportional_gain", self.proportional_gain, allowed)
 
     def reference_model_bandwidth(self) -> float | None:
@@ -267,7 +267,7 @@ class VrftConfig(Config, LinearLawConfig, in_batches=True):
         """
         if not (self.proportional_gain < 0 and self.integral_gain < 0):
             gains = f"proportional_gain = {self.proportional_gain:g}, integral_gain = {self.integral_gain:g}"
-            raise BadInputError(f"{gains}: must both be below zero, they {use}")
+            raise BadInputError(f"{gains}: must both be below zero, because they {use}")
         if self.fir:
             raise invalid("fir", self.fir, f"empty: the PID gains are {what}")
 

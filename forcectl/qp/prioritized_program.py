@@ -215,7 +215,7 @@ class PrioritizedProgram:
         if level == 1:
             return self._first.program(found.status, hessian, gradient, matrix, upper, u_lower=u_lower, u_upper=u_upper)
         if level > found.levels:
-            raise BadInputError(f"level = {level}: must be at most {found.levels}: the last tick solved no more levels")
+            raise BadInputError(f"level = {level}: must be at most {found.levels}: the last tick solved only these")
         above = found.answers[level - 2]
         rows, far = matrix @ above, np.full(len(matrix), np.inf)
         tasks = np.concatenate([each.task for each in levels[: level - 1] if each.task is not None])

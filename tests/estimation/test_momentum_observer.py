@@ -258,7 +258,7 @@ def test_no_reading_whatever_spoils_the_estimate(rows):
 
 
 def test_a_mismatched_friction_is_refused():
-    with pytest.raises(BadInputError, match="of 3 joints: must be of 2"):
+    with pytest.raises(BadInputError, match="has 3 joints: must have 2"):
         MomentumObserver(MomentumModel(chain_plant()), JointFriction(3))
     for name in ("frozen_speed", "longest_gap"):
         with pytest.raises(BadInputError, match=name):

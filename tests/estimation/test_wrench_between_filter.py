@@ -173,5 +173,5 @@ def test_bad_input_is_named(between, message):
 
 
 def test_friction_of_another_robot_is_refused():
-    with pytest.raises(BadInputError, match="friction is of 3 joints: must be of 14"):
+    with pytest.raises(BadInputError, match="friction has 3 joints: must have 14"):
         WrenchBetweenFilter(MODEL, JointFriction(3, coulomb=np.ones(3)), (ARMS["left"], ARMS["right"]))

@@ -176,7 +176,7 @@ def test_a_force_alone_has_no_torque():
         ({"slow": -1.0}, "slow = -1.0: must be positive"),
         ({"hold": -1.0}, "hold = -1.0: must be not negative"),
         ({"frame": chain_plant(7).GetFrameByName("arm_link_7")}, "must be of the plant of the momentum model"),
-        ({"friction": JointFriction(6)}, "friction is of 6 joints: must be of 7, as the model"),
+        ({"friction": JointFriction(6)}, "friction has 6 joints: must have 7, as the model"),
     ],
 )
 def test_bad_input_is_named(options, message):

@@ -134,7 +134,7 @@ def test_a_bad_reading_holds_the_move(bad):
 @pytest.mark.parametrize("law", ["!RecursiveVrft {}", "!Governed {law: !RecursiveVrft {}}"])
 def test_an_experiment_is_refused(law):
     tree = parse(f"controller: !Approach {{law: {law}}}", "own.yaml")
-    with pytest.raises(BadInputError, match=r"controller\.law makes an experiment from the start of"):
+    with pytest.raises(BadInputError, match=r"controller\.law starts its experiment at the start of"):
         fc.build(tree)
 
 
@@ -157,11 +157,11 @@ class _Approached(_Other):
     [
         (
             "!JointMoves {}",
-            "JointPath cannot be approached: must be a force law, or a controller of joints with add_appro",
+            "JointPath cannot follow a guarded move: must be a force law, or a controller of joints with add_appro",
         ),
         (
             "!Hybrid {directions: {z: {}}}",
-            "Hybrid cannot be approached: must be a force law, or a controller of joints w",
+            "Hybrid cannot follow a guarded move: must be a force law, or a controller of joints w",
         ),
         ("!Approach {}", "ApproachForceLaw has a guarded move of its own: must be a law without one"),
     ],
@@ -177,7 +177,7 @@ def test_what_cannot_be_approached_is_named_in_one_line(law, says, tmp_path):
 
 def test_a_controller_that_is_approached_has_the_ports_for_it():
     with pytest.raises(
-        BadInputError, match=r"add_approached makes a PassThrough: must have the inputs desired_force, .*ap"
+        BadInputError, match=r"add_approached returns a PassThrough: must have the inputs desired_force, .*ap"
     ):
         ApproachConfig(law=_Approached()).add_to(DiagramBuilder(), model())
 

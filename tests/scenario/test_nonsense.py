@@ -87,7 +87,7 @@ REFUSED = [
     ("station: {environment: {surface: {moves: [{start: 0.1}]}}}", "moves.0.distance = 0.0: must be at least 1e-07 m"),
     (
         "station: {environment: {surface: {moves: [{distance: 0.05, duration: 1e-6}]}}}",
-        "surface.moves.0.duration = 1e-06: must be at least 0.005 s, which is 10 m/s",
+        "surface.moves.0.duration = 1e-06: must be at least 0.005 s, for at most 10 m/s",
     ),
     (
         "station: {environment: {surface: {heights: {w: !Waves {amplitude: 0.005, wavelength: 0.01}}}}}",
@@ -266,13 +266,13 @@ REFUSED = [
     ("controller: !Vrft {gains_variant: cheese}", "controller.gains_variant = 'cheese': must be null without gains_fr"),
     (
         "controller: !Vrft {gains_from: fig_4_5, proportional_gain: -1e-5}",
-        "controller.proportional_gain = -1e-05: must be left out: gains_from = 'fig_4_5' finds it",
+        "controller.proportional_gain = -1e-05: must be left out: gains_from = 'fig_4_5' determines it",
     ),
     ("controller: !Passive {law: !Passive {}}", "controller.law = '!Passive': must be a law, not a second passivity"),
     ("controller: !Passive {law: !Approach {law: !Passive {}}}", "controller.law = '!Passive': must be a law, not a"),
     ("controller: !Governed {law: !Passive {law: !Governed {}}}", "controller.law = '!Governed': must be a law, not"),
     ("controller: !InvarianceControl {nominal: !JointMoves {}}", "build", "controller.nominal: JointPath commands joi"),
-    ("controller: !InvarianceControl {nominal: !ScaledVrft {}}", "build", "nominal: ScaledVrftConfig wants motor_di"),
+    ("controller: !InvarianceControl {nominal: !ScaledVrft {}}", "build", "nominal: ScaledVrftConfig needs motor_di"),
     ("controller: !Governed {delay: 100}", "build", "controller.delay = 100.0: must be at most 20 s, 10000 control ti"),
     ("controller: !PredictiveInvariance {search_speed: 999}", "controller.search_speed = 999.0: must be from 0 to 1"),
     ("controller: !PredictiveInvariance {offset_limit: 100}", "controller.offset_limit = 100.0: must be from 0 to 1"),

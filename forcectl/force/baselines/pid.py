@@ -87,7 +87,7 @@ class PidConfig(Config, LinearLawConfig, in_batches=True):
     def unused(self) -> tuple[list[str], str]:
         """Filters whose signal has no gain, and why they are unused."""
         gains = {"derivative_filter": self.derivative_gain, "feed_forward_filter": self.feed_forward}
-        return [name for name, gain in gains.items() if not np.any(gain)], "the gain of what it filters is 0"
+        return [name for name, gain in gains.items() if not np.any(gain)], "the gain of the signal that it filters is 0"
 
     def reference_model_bandwidth(self) -> float | None:
         """Pole K_I/(1 + K_P) [rad/s] of the loop around F = -dx/C_T in continuous time, without derivative."""

@@ -285,25 +285,23 @@ class GovernedConfig(AroundLawConfig, Config):
     law: Any = slot("controller", VrftConfig, meaning="force controller whose reference the governor computes")
     inner_bandwidth: float | None = key(
         None,
-        "bandwidth (1-A)/Ts of the modelled inner force loop; null: as the law states it",
+        "bandwidth (1-A)/Ts of the modelled inner force loop; null: that stated by the law",
         unit="rad/s",
         bounds="positive",
         each=True,
     )
     reference_bandwidth: float = key(
         7.5,
-        "bandwidth (1-At)/Ts of the wanted response; 7.5: At = 0.985 at 2 ms, 4.5: the 0.991 of the thesis' text",
+        "bandwidth (1-At)/Ts of the desired response; 7.5: At = 0.985 at 2 ms, 4.5: the 0.991 of the thesis' text",
         unit="rad/s",
         bounds="positive",
         each=True,
     )
     delay: float = key(0.08, "delay T_d of the modelled inner loop, whole ticks", unit="s", bounds="not negative")
     output_weight: float = key(
-        1.0, "weight Q_y of the difference of wanted and predicted force", bounds="not negative", each=True
+        1.0, "weight Q_y of predicted force minus desired response", bounds="not negative", each=True
     )
-    reference_weight: float = key(
-        1e-3, "weight Q_r of the difference of desired force and reference", bounds="positive", each=True
-    )
+    reference_weight: float = key(1e-3, "weight Q_r of desired force minus reference", bounds="positive", each=True)
     horizon: int = key(
         1,
         "prediction horizon; 1: closed form, more: a quadratic program per tick",
@@ -330,7 +328,7 @@ class GovernedConfig(AroundLawConfig, Config):
         self.refuse_another("governor")
         inner = self._inner_bandwidth()
         if inner is None:
-            fault = " is missing: must be a number, because the law does not tell its own"
+            fault = " is missing: must be a number, because the law does not state its own"
             raise BadInputError(fault, key="inner_bandwidth")
         check("inner_bandwidth", inner, "positive")
         names = ("lower_limit", "upper_limit", "lower_force", "upper_force")

@@ -195,14 +195,14 @@ class GuardConfig(Config):
             raise BadInputError(fault, key=key)
 
     def check_closing(
-        self, truth: PlantModel, key: str, way: float, duration: float, force: float, *, links: bool
+        self, truth: PlantModel, key: str, displacement: float, duration: float, force: float, *, links: bool
     ) -> None:
         """Refuse a surface that moves closer so fast that the force passes `maximum_force` before a command can act.
 
         Args:
             truth: the plant with the one surface.
             key: of the duration.
-            way: displacement of the surface towards the tool [m].
+            displacement: of the surface towards the tool [m].
             duration: of that displacement [s].
             force: contact force before it [N].
             links: whether the links of the robot have mass.
@@ -213,14 +213,14 @@ class GuardConfig(Config):
         if self.maximum_force is None:
             return
         acts = BEGINS + truth.sensor_delay
-        more = touch_gain(truth, min(acts, duration), links=links) * way / duration
+        more = touch_gain(truth, min(acts, duration), links=links) * displacement / duration
         if force + more > self.maximum_force:
             stiffness, room = 1.0 / float(truth.environment_compliance[0]), max(self.maximum_force - force, 1e-3)
             fault = (
-                f" = {duration:g} s: {1e3 * way:g} mm closer on {stiffness:.4g} N/m makes {force + more:.3g} N of "
-                f"{force:g} N before any command can act: must be at least "
-                f"{bound(touch_gain(truth, acts, links=links) * way / room, math.ceil)} s with guard.maximum_force = "
-                f"{self.maximum_force:g} N"
+                f" = {duration:g} s: {1e3 * displacement:g} mm towards the tool on {stiffness:.4g} N/m raises the "
+                f"force from {force:g} N to {force + more:.3g} N before any command can act: must be at least "
+                f"{bound(touch_gain(truth, acts, links=links) * displacement / room, math.ceil)} s with "
+                f"guard.maximum_force = {self.maximum_force:g} N"
             )
             raise BadInputError(fault, key=key)
 

@@ -271,9 +271,9 @@ def _add_law(
     law = add_part(direction.law, f"directions.{name}.law", inner, own)
     inputs = input_names(law)
     if not law.HasOutputPort("displacement_command") or not set(FORCES) <= set(inputs):
-        raise BadInputError(f"{tag} is no force law: must be one of a scalar force", key=f"directions.{name}.law")
+        raise BadInputError(f"{tag} is no force law: must be a law of a scalar force", key=f"directions.{name}.law")
     missing = [port for port in inputs if port not in (*_OFFERED, *optional_inputs(law))]
     if missing:
-        wants = f"{tag} wants {', '.join(missing)}: must be a law of {', '.join(_OFFERED)}"
-        raise BadInputError(wants, key=f"directions.{name}.law")
+        fault = f"{tag} needs {', '.join(missing)}: must be a law of {', '.join(_OFFERED)} alone"
+        raise BadInputError(fault, key=f"directions.{name}.law")
     return builder.AddNamedSystem(f"law_{name}", Enclosed(inner, law))

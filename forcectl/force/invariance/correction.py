@@ -145,7 +145,7 @@ class InvarianceControlConfig(InvarianceLimits):
             require_force_law(nominal, [])
             if missing := [name for name in input_names(nominal) if name not in (*FORCES, *optional_inputs(nominal))]:
                 name = type(self.nominal).__name__
-                raise BadInputError(f"{name} wants {', '.join(missing)}: must be a law of {', '.join(FORCES)}")
+                raise BadInputError(f"{name} needs {', '.join(missing)}: must be a law of {', '.join(FORCES)} alone")
         return InvarianceControl(Enclosed(builder, nominal), correction)
 
 

@@ -279,13 +279,13 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
     )
     force_rate: float | None = key(
         None,
-        "largest wanted rate of the force at the error force_rate_error, from which alpha follows; null: not used",
+        "largest rate of the force that is desired at the force error force_rate_error; gives alpha; null: not used",
         unit="N/s",
         bounds="positive",
     )
     force_rate_error: float | None = key(
         None,
-        "missing force at which force_rate is the largest wanted rate; null: not used",
+        "force error at which force_rate is the largest desired rate of the force; null: not used",
         unit="N",
         bounds="positive",
     )
@@ -356,7 +356,7 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
         least = least_gamma(bandwidth, self.damping_ratio, largest, self.acceleration_limit)
         for gamma, limit in zip(batch_values("gamma", self.gamma, model.size).tolist(), least.tolist(), strict=True):
             if gamma < limit:
-                text = f"at least {limit:.4g}, what acceleration_limit brakes with at the largest compliance (3.67)*"
+                text = f"at least {limit:.4g}, the braking by acceleration_limit at the largest compliance (3.67)*"
                 raise invalid("gamma", gamma, text)
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> FourthDegreeForceLaw:

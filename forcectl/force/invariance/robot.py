@@ -102,7 +102,7 @@ class JointLimitConfig(Config):
             chosen[name] = np.array(given, dtype=float) if given else own
             beyond = chosen[name] > own + _TURN if name == "position_upper" else chosen[name] < own - _TURN
             if name.startswith("position") and beyond.any():
-                allowed = f"within a turn of the robot's, {np.round(own, 3).tolist()} rad"
+                allowed = f"within 2 pi rad of the robot's, {np.round(own, 3).tolist()} rad"
                 raise invalid(f"limits.{name}", given, allowed)
         return JointLimits(**chosen)
 

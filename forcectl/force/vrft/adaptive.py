@@ -116,7 +116,7 @@ class AdaptiveVrftConfig(VrftConfig, in_batches=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.check_tunable("set the range to stay within", "tuned")
+        self.check_tunable("set the permitted range of the gains", "tuned")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveVrft:
         """Add the law with its tuner."""

@@ -230,7 +230,7 @@ class RecursiveVrftConfig(Config):
             BadInputError: another bandwidth, with a prefilter.
         """
         if self.prefilter and bandwidth != self.reference_bandwidth:
-            own = f"{self.reference_bandwidth:g}, the experiment's own, whose gains have a prefilter"
+            own = f"{self.reference_bandwidth:g}, the experiment's own: with its prefilter the gains hold for no other"
             raise invalid("reference_bandwidth", bandwidth, own)
         return bandwidth / self.reference_bandwidth
 
@@ -238,7 +238,8 @@ class RecursiveVrftConfig(Config):
         """BadInputError unless the deepest excitation is within the limits and the first move before the hand-over."""
         deepest = excitation.deepest(model.environment_compliance)
         if deepest < self.lower_limit:
-            raise invalid("lower_limit", self.lower_limit, f"at most {deepest:.4g} m, the deepest of the excitation")
+            allowed = f"at most {deepest:.4g} m, the deepest displacement of the excitation"
+            raise invalid("lower_limit", self.lower_limit, allowed)
         if self.hand_over_time is not None and self.hand_over_time <= (first := excitation.first_move()):
             raise invalid("hand_over_time", self.hand_over_time, f"above {first:g} s, when the first move begins")
 
@@ -268,7 +269,7 @@ class RecursiveVrftConfig(Config):
             self._check_excitation(self.excitation, model)
         hand_over_time = end if self.hand_over_time is None else self.hand_over_time
         if self.convergence_window is not None and self.convergence_window >= hand_over_time:
-            allowed = f"below {hand_over_time:g} s, when the experiment hands over anyway"
+            allowed = f"below {hand_over_time:g} s, the hand-over time of the experiment"
             raise invalid("convergence_window", self.convergence_window, allowed)
         sequencer = ExperimentSequencer(
             model.size,

@@ -124,7 +124,7 @@ class ScaledVrftConfig(VrftConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.check_tunable("tell the compliance and the lag", "scaled")
+        self.check_tunable("give the compliance and the lag", "scaled")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ScaledVrft:
         """Add the law with its estimator."""

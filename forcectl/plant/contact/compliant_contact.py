@@ -336,7 +336,7 @@ class EnvironmentConfig(Config, in_batches=True):
 
     def check_own_block(self) -> None:
         """Raise BadInputError for settings that the block of a subclass cannot model in a multibody plant."""
-        why = "where add_to is one's own: its block is a force along the normal"
+        why = "with an add_to of its own: the block of a subclass computes a force along the normal only"
         if self.friction:
             raise invalid("friction", self.friction, f"0 {why}")
         if self.surface.turning:

@@ -115,10 +115,8 @@ class GraspConfig(Config):
             for i, stiffness in enumerate(getattr(self, stiff)):
                 stretch, spent = getattr(self, limit)[i] / stiffness, getattr(self, damped)[i] / stiffness
                 if not least <= stretch <= most:
-                    allowed = (
-                        f"such that {limit} over it is from {least:g} to {most:g} {unit}, not {stretch:.3g} {unit}"
-                    )
-                    raise invalid(f"{stiff}.{i}", stiffness, allowed)
+                    allowed = f"from {least:g} to {most:g} {unit}, not {stretch:.3g} {unit}"
+                    raise invalid(f"{stiff}.{i}", stiffness, f"such that {limit} divided by it is {allowed}")
                 if spent and not _TIME_CONSTANT[0] <= spent <= _TIME_CONSTANT[1]:
                     allowed = f"0, or {_TIME_CONSTANT[0]:g} to {_TIME_CONSTANT[1]:g} s times {stiff}, not {spent:.3g} s"
                     raise invalid(f"{damped}.{i}", getattr(self, damped)[i], allowed)
@@ -211,7 +209,7 @@ class PartConfig(Config):
             if not self.arm and value != rest:
                 raise BadInputError("must be left out where no arm holds the part", key=name)
         if any(self.lies_rotation_deg) and not self.lies_at:
-            raise BadInputError("must be left out where lies_at is", key="lies_rotation_deg")
+            raise BadInputError("must be left out without lies_at", key="lies_rotation_deg")
         if self.arm and (away := math.hypot(*self.position)) > _IN_HAND:
             raise invalid("position", self.position, f"within {_IN_HAND:g} m of the TCP: it is {away:.3g} m away")
 

@@ -82,7 +82,8 @@ class PatchConfig(Config):
         if self.dissipation and self.damping:
             raise invalid("dissipation", self.dissipation, "0 with damping")
         if self.tilt_deg and np.linalg.norm(np.cross(unit_normal(self.tilt_axis), unit_normal(self.facing))) < _ALONG:
-            raise invalid("tilt_axis", self.tilt_axis, f"across facing = {self.facing}: about it nothing is tilted")
+            allowed = f"not parallel to facing = {self.facing}: a rotation about it does not tilt the plate"
+            raise invalid("tilt_axis", self.tilt_axis, allowed)
 
     @property
     def normal(self) -> list[float]:

@@ -54,7 +54,7 @@ class SegmentConfig(Config):
         super().__post_init__()
         if self.stiffness is None and self.material not in MATERIALS:
             error = unknown("material", self.material, MATERIALS)
-            raise BadInputError(f"{error}; any other needs its stiffness", key="material")
+            raise BadInputError(f"{error}; for any other name give its stiffness", key="material")
         if self.end <= self.start:
             raise invalid("end", self.end, f"above start = {self.start:g} m")
 
@@ -159,7 +159,7 @@ class MaterialsConfig(Config):
         for before, after in pairwise(ordered):
             own = [(one.environment_stiffness, one.damping, one.height) for one in (before, after)]
             if own[0] == own[1]:
-                yield self.segments.index(after), "it is as the one before it"
+                yield self.segments.index(after), "it equals the segment before it"
         for one in ordered:
             if (one is not ordered[0] and one.start - half > high) or (one is not ordered[-1] and one.end + half < low):
                 yield self.segments.index(one), f"the tool goes from {low:.3g} to {high:.3g} m of the path"

@@ -39,7 +39,7 @@ class SurfaceMoveConfig(Config):
             raise invalid("distance", self.distance, f"at least {_NEAREST:g} m in size")
         shortest = abs(self.distance) / _FASTEST
         if self.duration < shortest:
-            raise invalid("duration", self.duration, f"at least {shortest:g} s, which is {_FASTEST:g} m/s")
+            raise invalid("duration", self.duration, f"at least {shortest:g} s, for at most {_FASTEST:g} m/s")
 
     def height(self, time: float) -> float:
         """What the move adds to the height [m] at a time [s]."""

@@ -53,7 +53,7 @@ class ForceFaultConfig(Config):
         if self.kind == "scale" and abs(self.value - 1) < _LEAST_SCALE:
             raise invalid("value", self.value, f"at least {_LEAST_SCALE:g} away from 1 for scale: 1 is no fault")
         if self.kind == "scale" and self.value == 0:
-            raise invalid("value", self.value, "given and not 0 for scale: kind value is what reports 0 N")
+            raise invalid("value", self.value, "given and not 0 for scale: to report 0 N use the kind `value`")
         if self.kind == "scale" and abs(self.value) > _LARGEST_SCALE:
             raise invalid("value", self.value, f"at most {_LARGEST_SCALE:g} in size for scale")
         if self.kind in _WITHOUT_VALUE and self.value != 0:

@@ -43,9 +43,10 @@ def test_the_message_has_place_numbers_and_what_is_allowed(tmp_path):
     """15 ms at 20 mm/s on springs of 2e5 N/m and the robot's make 8.1 N."""
     with pytest.raises(BadInputError) as caught:
         build(file_of(tmp_path, 2e5, 5.0, 0.2))
-    said = "own.yaml:3: station.environment.surface.moves.0.duration = 0.2 s: 4 mm closer on 2e+05 N/m makes "
+    said = "own.yaml:3: station.environment.surface.moves.0.duration = 0.2 s: 4 mm towards the tool on 2e+05 N/m "
     assert str(caught.value).startswith(said)
-    assert "of 5 N before any command can act: must be at least 0.3" in str(caught.value)
+    assert "raises the force from 5 N to " in str(caught.value)
+    assert " N before any command can act: must be at least 0.3" in str(caught.value)
 
 
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Multibody"])

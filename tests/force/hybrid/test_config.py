@@ -58,7 +58,7 @@ def test_an_impossible_selection_is_refused(directions, message):
     [
         ("{rx: {law: !Integral {}}}", r"directions\.rx\.compliance: must be given"),
         ("{x: {law: !Integral {}}}", r"directions\.x\.compliance: must be given"),
-        ("{z: {law: !InvarianceRobot {}}}", r"directions\.z\.law: InvarianceRobotConfig wants motor_position"),
+        ("{z: {law: !InvarianceRobot {}}}", r"directions\.z\.law: InvarianceRobotConfig needs motor_position"),
         ("{z: {law: !JointMoves {}}}", r"directions\.z\.law: JointMovesConfig is no force law"),
         ("{q: {}}", r"directions\.q"),
         ("{x: {}, y: {}, z: {}, rx: {}, ry: {}, rz: {}}", "from one to five directions"),

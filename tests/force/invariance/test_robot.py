@@ -238,11 +238,11 @@ def test_a_wrong_value_in_a_scenario_is_one_line(own_module: None, tmp_path: Pat
         ),
         (
             InvarianceRobotConfig(limits=JointLimitConfig(position_upper=[160.0] * 6)),
-            r"controller.limits.position_upper = \[160.0, .*: must be within a turn of the robot's, \[2.967, .* rad$",
+            r"controller.limits.position_upper = \[160.0, .*: must be within 2 pi rad of the robot's, \[2.967, .* rad$",
         ),
         (
             InvarianceRobotConfig(limits=JointLimitConfig(position_lower=[-90.0] * 6)),
-            r"controller.limits.position_lower = \[-90.0, .*: must be within a turn of the robot's, ",
+            r"controller.limits.position_lower = \[-90.0, .*: must be within 2 pi rad of the robot's, ",
         ),
         (
             InvarianceRobotConfig(constraints=[WallConfig(point=[0, 0, 0], normal=[-1, 0, 0])]),

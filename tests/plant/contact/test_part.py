@@ -52,7 +52,7 @@ def test_a_part_that_nobody_holds_has_no_grasp():
         ({"lies_at": [0.0, 0.0, 0.1]}, "lies_at: must be left out where no arm holds the part"),
         (
             {"arm": "left", "lies_rotation_deg": [90.0, 0.0, 0.0]},
-            "must be left out where lies_at is",
+            "must be left out without lies_at",
         ),
         ({"arm": "left", "lies_at": [0.0]}, "lies_at = [0.0]: must be three numbers"),
         ({"arm": "left", "lies_at": [50.0, 0.0, 0.0]}, "lies_at.0 = 50.0: must be from -3 to 3"),
@@ -90,20 +90,20 @@ def test_millimetres_are_no_metres(part, keys, message):
     [
         (
             {"stiffness": [1.0] * 3},
-            "stiffness.0 = 1.0: must be such that force_limit over it is from 1e-05 to 0.3 m, not 20",
+            "stiffness.0 = 1.0: must be such that force_limit divided by it is from 1e-05 to 0.3 m, not 20",
         ),
         ({"stiffness": [1e6] * 3}, "damping.0 = 30.0: must be 0, or 0.0001 to 1 s times stiffness, not 3e-05 s"),
         ({"damping": [3e4] * 3}, "damping.0 = 30000.0: must be 0, or 0.0001 to 1 s times stiffness, not 30 s"),
         (
             {"force_limit": [2e4] * 3},
-            "stiffness.0 = 1000.0: must be such that force_limit over it is from 1e-05 to 0.3",
+            "stiffness.0 = 1000.0: must be such that force_limit divided by it is from 1e-05 to 0.3",
         ),
         (
             {"rotational_stiffness": [3e3] * 3},
-            "rotational_stiffness.0 = 3000.0: must be such that torque_limit over it",
+            "rotational_stiffness.0 = 3000.0: must be such that torque_limit divided by it",
         ),
         ({"rotational_damping": [100.0] * 3}, "rotational_damping.0 = 100.0: must be 0, or 0.0001 to 1 s times"),
-        ({"torque_limit": [1e3] * 3}, "rotational_stiffness.0 = 3.0: must be such that torque_limit over it"),
+        ({"torque_limit": [1e3] * 3}, "rotational_stiffness.0 = 3.0: must be such that torque_limit divided by it"),
         ({"largest_offset": 2.5e-5}, "largest_offset = 2.5e-05: must be at least 0.0001"),
         ({"reach": 5e-6}, "reach = 5e-06: must be at least 0.0001, or 0"),
         ({"reach_deg": 0.005}, "reach_deg = 0.005: must be at least 0.05, or 0"),

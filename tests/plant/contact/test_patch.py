@@ -40,7 +40,7 @@ def test_the_plate_is_turned_about_its_axis(tilt):
         ({"tilt_axis": [0.0, 0.0, 0.0]}, "tilt_axis = .*: must be not all zero"),
         (
             {"tilt_deg": 10.0, "tilt_axis": [0.0, 0.0, -2.0]},
-            r"tilt_axis = \[0.0, 0.0, -2.0\]: must be across facing = \[0.0, 0.0, 1.0\]: about it nothing is tilted",
+            r"tilt_axis = \[0.0, 0.0, -2.0\]: must be not parallel to facing = \[0.0, 0.0, 1.0\]: a rotation about it",
         ),
         ({"damping": 1.0, "dissipation": 1.0}, "dissipation = 1.0: must be 0 with damping"),
         ({"width": 0.0}, "width = 0.0: must be positive"),

@@ -108,7 +108,7 @@ PLASTIC = {"material": "plastic", "start": -0.1, "end": 0.02}
     ("changes", "message"),
     [
         ({"material": "wod"}, "segments.1.material: unknown material 'wod': did you mean 'wood'?"),
-        ({"material": "cork"}, "any other needs its stiffness"),
+        ({"material": "cork"}, "for any other name give its stiffness"),
         ({"stiffness": -1.0}, "segments.1.stiffness = -1.0: must be positive"),
         ({"stiffness": 0.0}, "segments.1.stiffness = 0.0: must be positive"),
         ({"damping": -1.0}, "segments.1.damping = -1.0: must be not negative"),

@@ -69,7 +69,7 @@ def test_a_delay_of_seconds_and_one_of_nothing_are_refused(value):
 
 
 def test_a_scale_without_a_value_is_refused():
-    with pytest.raises(BadInputError, match=r"value = 0\.0: must be given and not 0 for scale: kind value is what"):
+    with pytest.raises(BadInputError, match=r"value = 0\.0: must be given and not 0 for scale: to report 0 N use"):
         ForceFaultConfig(kind="scale")
     with pytest.raises(BadInputError, match=r"value = -1000000\.0: must be at most 1000 in size for scale"):
         ForceFaultConfig(kind="scale", value=-1e6)

@@ -51,7 +51,7 @@ NO_EFFECT = [
     (
         "controller: !Approach {law: !Pid {derivative_filter: 0.1, feed_forward_filter: 0.2}}",
         ["controller.law.derivative_filter = 0.1", "controller.law.feed_forward_filter = 0.2"],
-        "the gain of what it filters is 0",
+        "the gain of the signal that it filters is 0",
     ),
     ("controller: !Pid {derivative_gain: 0.01, derivative_filter: 0.1}", [], ""),
     ("reference: !Step {force: 0}", ["reference"], "0 N are wanted all the time"),
@@ -69,7 +69,11 @@ NO_EFFECT = [
     (SLIDING.format("0, end: 0.02", "0.02, end: 0.09"), [f"{SEGMENTS}.1"], "the tool goes from 0 to 0.01 m of"),
     (SLIDING.format("-0.2, end: -0.1", "-0.1, end: 0.09"), [f"{SEGMENTS}.0"], "the tool goes from 0 to 0.01 m of"),
     (SLIDING.format("0, end: 0.005", "0.005, end: 0.09"), [], ""),
-    (SLIDING.format("0, end: 0.005", "0.005, end: 0.09").replace("wood", "plastic"), [f"{SEGMENTS}.1"], "it is as the"),
+    (
+        SLIDING.format("0, end: 0.005", "0.005, end: 0.09").replace("wood", "plastic"),
+        [f"{SEGMENTS}.1"],
+        "it equals the",
+    ),
     (
         "station: {environment: {surface: {materials: {segments: [{material: wood, start: 0, end: 1}], blend: 0.01}}}}",
         ["station.environment.surface.materials.blend = 0.01"],

@@ -76,7 +76,7 @@ class CapOnMountConfig(Config):
         super().__post_init__()
         check_roles(self)
         if not self.feet * self.foot_stiffness > self.stiffness:
-            allowed = f"above {self.stiffness / self.feet:g}, the stiffness over the number of feet"
+            allowed = f"above {self.stiffness / self.feet:g} N/m, the stiffness divided by the number of feet"
             raise invalid("foot_stiffness", self.foot_stiffness, allowed)
 
     def check_models(self, tip: str, mouth: str) -> None:

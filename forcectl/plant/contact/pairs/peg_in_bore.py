@@ -78,9 +78,11 @@ class PegInBoreConfig(Config):
                 "clearance", self.clearance, f"below bore_radius = {self.bore_radius:g} m: else no peg is left"
             )
         if not self.clearance + self.taper_radius < self.bore_radius:
-            raise invalid("taper_radius", self.taper_radius, f"below {self.bore_radius - self.clearance:g}, the peg's")
+            allowed = f"below {self.bore_radius - self.clearance:g} m, the radius of the peg"
+            raise invalid("taper_radius", self.taper_radius, allowed)
         if not self.bore_radius + self.chamfer < self.rim_radius:
-            raise invalid("rim_radius", self.rim_radius, f"above {self.bore_radius + self.chamfer:g}, the mouth's")
+            allowed = f"above {self.bore_radius + self.chamfer:g} m, the radius of the mouth"
+            raise invalid("rim_radius", self.rim_radius, allowed)
 
 
 def _ring(radius: float, z: float) -> Array:
