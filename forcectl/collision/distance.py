@@ -104,8 +104,8 @@ class LinkDistance:
         f = self.gamma / np.clip(-least, self.gamma, self.gamma / _LARGEST_FACTOR)
         inside = f * (y + self.margin)
         rate = f * rate
-        told = np.where(y > 0.0, f * y, np.minimum(inside - self.margin, 0.0))
-        return told, rate, f[:, None] * row, f * bias + self._late(inside, rate)
+        bounded = np.where(y > 0.0, f * y, np.minimum(inside - self.margin, 0.0))
+        return bounded, rate, f[:, None] * row, f * bias + self._late(inside, rate)
 
     def second_derivative(self, motion: RobotMotion) -> tuple[Array, Array, Array, Array]:
         """(y, y', row, bias) without the factors of `evaluate`: y'' = row u + bias."""

@@ -139,8 +139,8 @@ class PairTable:
         X_WB, X = X_WL.take(on_ball, 0), X_WC.take(core, 0)
         R = X[:, :3, :3]
         x = self.balls.take(group, 0) @ X_WB[:, :3, :3].swapaxes(1, 2) + X_WB[:, None, :3, 3]
-        seen = (x - X[:, None, :3, 3]) @ R
-        over = np.abs(seen) - self.half.take(core, 0)[:, None]
+        local = (x - X[:, None, :3, 3]) @ R
+        over = np.abs(local) - self.half.take(core, 0)[:, None]
         beside = np.maximum(over, 0.0)
         gap = np.sqrt(np.einsum("pbi,pbi->pb", beside, beside))
         unit = gap[:, :, None]
@@ -149,7 +149,7 @@ class PairTable:
             beside[inside] = np.eye(3)[over[inside].argmax(axis=1)]
             unit = np.where(inside, 1.0, gap)[:, :, None]
             gap = np.where(inside, over.max(axis=2), gap)
-        normal = np.copysign(beside / unit, seen) @ R.swapaxes(1, 2)
+        normal = np.copysign(beside / unit, local) @ R.swapaxes(1, 2)
         relative = V.take(on_ball, 0) - V.take(self.on_core.take(pair), 0)
         w = x @ (relative @ _TURN).reshape(-1, 3, 3) + relative[:, None, 3:]
         return NearBalls(pair, R, x, over, gap, normal, w, gap - self._radii.take(pair, 0))
@@ -160,15 +160,15 @@ class PairTable:
         # Velocity of the middle of every row, if it moved with each of the links, (links, g, 4).
         moving = ((V @ _MOVING).reshape(-1, 4) @ rows[:, :, 1].T).reshape(len(V), 4, -1).swapaxes(1, 2).reshape(-1, 4)
         # Of each pair, relative to the core and in its axes: half of the row, its middle, and the middle's velocity.
-        X, seen = X_WC.take(self.pair_core, 0), np.empty((len(self.pair), 3, 3))
-        seen[:, :, :2] = rows.take(self.pair_group, 0)[:, :3]
-        seen[:, :, 1] -= X[:, :3, 3]
-        seen[:, :, 2] = (moving.take(self._by_ball, 0) - moving.take(self._by_core, 0))[:, :3]
-        seen = X[:, :3, :3].swapaxes(1, 2) @ seen
-        beside = np.maximum(np.abs(seen[:, :, 1]) - self._pair_half, 0.0)
+        X, local = X_WC.take(self.pair_core, 0), np.empty((len(self.pair), 3, 3))
+        local[:, :, :2] = rows.take(self.pair_group, 0)[:, :3]
+        local[:, :, 1] -= X[:, :3, 3]
+        local[:, :, 2] = (moving.take(self._by_ball, 0) - moving.take(self._by_core, 0))[:, :3]
+        local = X[:, :3, :3].swapaxes(1, 2) @ local
+        beside = np.maximum(np.abs(local[:, :, 1]) - self._pair_half, 0.0)
         gap = np.sqrt(np.einsum("pi,pi->p", beside, beside))
-        normal = np.copysign(beside, seen[:, :, 1])
-        slope, rate = np.einsum("pi,pij->jp", normal, seen[:, :, ::2]) / np.maximum(gap, _TINY)
+        normal = np.copysign(beside, local[:, :, 1])
+        slope, rate = np.einsum("pi,pij->jp", normal, local[:, :, ::2]) / np.maximum(gap, _TINY)
         # The distance is convex along the row: the tangent at its middle is a lower bound at its ends.
         return speed_left(gap - np.abs(slope) - self._pair_radii - minimum, rate, gamma)
 

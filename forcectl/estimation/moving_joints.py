@@ -26,21 +26,21 @@ _STANDSTILL = 0.06  # [s] of standstill after which the waiting time is that of 
 _UNKNOWN = 8.0  # standard deviation of the friction of a joint that may stick / Coulomb friction
 
 
-class Felt(NamedTuple):
+class MovingJointsEstimate(NamedTuple):
     """Result of a tick of `MovingJoints`.
 
     Attributes:
         x: w, b and c, shape (w + 2k,).
         P: their covariance, shape (w + 2k, w + 2k).
         H: d per x, shape (k, w + 2k).
-        doubt: of each joint, from 0 (its torque balance is used in full) to 1 (it is ignored), shape (k,).
+        ignored: of each joint, from 0 (its torque balance is used in full) to 1 (it is ignored), shape (k,).
         memory: state for the next tick.
     """
 
     x: Array
     P: Array
     H: Array
-    doubt: Array
+    ignored: Array
     memory: dict[str, Array]
 
 
@@ -56,8 +56,8 @@ class MovingJoints:
         bias_walk: random walk of b, as the standard deviation of its change in 1 s / tau_C; a quarter for c [1], > 0.
         slow: speed below which a joint may stick [rad/s], > 0.
         hold: time after a reversal, or after 60 ms of standstill, for which a moving joint is still ignored [s], >= 0.
-        trust: time constant with which its doubt then decays [s], > 0. After a shorter stop without a reversal a joint
-            is used again within 8 ms.
+        trust: time constant with which the ignored share then decays [s], > 0. After a shorter stop without a reversal
+            a joint is used again within 8 ms.
         period: tick [s].
 
     Raises:
@@ -102,7 +102,7 @@ class MovingJoints:
             "stood": np.zeros(k),
         }
 
-    def tick(self, memory: Memory, rows: Array, balance: Array, speed: Array, ok: Array) -> Felt:
+    def tick(self, memory: Memory, rows: Array, balance: Array, speed: Array, ok: Array) -> MovingJointsEstimate:
         """One tick of the filter.
 
         Args:
@@ -118,8 +118,8 @@ class MovingJoints:
         since = np.where(turned, 0.0, memory["since"] + self._period)
         stood = np.where(slow, memory["stood"] + self._period, 0.0)
         since = np.where(slow, np.where(stood > _STANDSTILL, 0.0, np.minimum(since, self._again)), since)
-        doubt = np.where(slow | (since < self._wait), 1.0, np.exp((self._wait - since) / self._trust))
-        doubt = np.where(ok, doubt, 1.0)
+        ignored = np.where(slow | (since < self._wait), 1.0, np.exp((self._wait - since) / self._trust))
+        ignored = np.where(ok, ignored, 1.0)
 
         m, k, size = self._acting, self.k, self.size
         x, P = memory["state"], memory["covariance"].reshape(size, size).copy()
@@ -129,11 +129,11 @@ class MovingJoints:
         H.flat[m + k :: size + 1] = np.sign(speed)
         gained = H @ P
         S = gained @ H.T
-        S.flat[:: k + 1] += self._noise + doubt**2 * self._unknown
+        S.flat[:: k + 1] += self._noise + ignored**2 * self._unknown
         _, solved, failed = dposv(S, gained)
         if not failed:
             x = x + solved.T @ (balance - H @ x)
             P = P - solved.T @ gained
             P = 0.5 * (P + P.T)
         after = {"state": x, "covariance": P.ravel(), "direction": direction, "since": since, "stood": stood}
-        return Felt(x, P, H, doubt, after)
+        return MovingJointsEstimate(x, P, H, ignored, after)

@@ -81,9 +81,9 @@ class SurfaceOffset(SampledBatch):
         maximum, minimum, where = self.math.maximum, self.math.minimum, self.math.where
         drive, most, lag, averaging = self.values(context)
         moved = inputs["displacement"] - inputs["path_displacement"]
-        seen = moved + (inputs["compliance"] - drive) * inputs["measured_force"]
-        learn = (inputs["sliding"] > 0.5) & (abs(seen) < math.inf)
-        height = where(learn, minimum(maximum(seen, -most), most), memory["height"])
+        measured_height = moved + (inputs["compliance"] - drive) * inputs["measured_force"]
+        learn = (inputs["sliding"] > 0.5) & (abs(measured_height) < math.inf)
+        height = where(learn, minimum(maximum(measured_height, -most), most), memory["height"])
         share = minimum(self._period / averaging, 1.0)
         rate = memory["rate"] + share * ((height - memory["height"]) / self._period - memory["rate"])
         rate = where(learn, rate, 0.0)

@@ -13,7 +13,7 @@ from forcectl.framework.batch import check
 from forcectl.framework.sampled_block import Memory
 
 _PART = 0.1  # [s] over which each of the means of the window is taken
-_REMEMBERED = ("zero", "tared", "mean", "past")
+_STATE = ("zero", "tared", "mean", "past")
 
 
 class Taring:
@@ -49,34 +49,34 @@ class Taring:
             "past": np.full(6 * self._parts, np.nan),  # means over 0.1 s, the latest first
         }
 
-    def known(self, memory: Memory, level: float) -> dict[str, Any]:
+    def own_memory(self, memory: Memory, level: float) -> dict[str, Any]:
         """Its part of the memory; a level below -0.5 resets it to that before the first tick."""
-        return self.start() if level < -0.5 else {name: memory[name] for name in _REMEMBERED}
+        return self.start() if level < -0.5 else {name: memory[name] for name in _STATE}
 
-    def step(self, known: dict[str, Any], found: Array, level: float) -> tuple[Array, dict[str, Any]]:
+    def step(self, memory: dict[str, Any], found: Array, level: float) -> tuple[Array, dict[str, Any]]:
         """The wrench after taring, shape (6,) [Nm, N], and the memory for the next tick.
 
         Args:
-            known: the memory, from `known`.
+            memory: from `own_memory`.
             found: the wrench before taring, shape (6,) [Nm, N].
             level: of the input `tare`.
         """
         if not level > 0.5:
-            return found - known["zero"], known | {"tared": 0.0}
+            return found - memory["zero"], memory | {"tared": 0.0}
         if not self._parts:
-            mean = (known["mean"] * known["tared"] + found) / (known["tared"] + 1.0)
-            return np.zeros(6), known | {"zero": mean, "mean": mean, "tared": known["tared"] + 1.0}
-        past = known["past"].reshape(-1, 6)
+            mean = (memory["mean"] * memory["tared"] + found) / (memory["tared"] + 1.0)
+            return np.zeros(6), memory | {"zero": mean, "mean": mean, "tared": memory["tared"] + 1.0}
+        past = memory["past"].reshape(-1, 6)
         full = np.isfinite(past[-1, 0])
-        if full and np.abs(found - known["zero"])[3:].max() > self._change:
-            return found - known["zero"], known
-        count = known["tared"] + 1.0
-        mean = known["mean"] + (found - known["mean"]) / count
+        if full and np.abs(found - memory["zero"])[3:].max() > self._change:
+            return found - memory["zero"], memory
+        count = memory["tared"] + 1.0
+        mean = memory["mean"] + (found - memory["mean"]) / count
         if count * self._period > _PART - 0.5 * self._period:
             past, count = np.concatenate([mean[None], past[:-1]]), 0.0
         means = past[self._first :]
         means = means[np.isfinite(means[:, 0])]
-        zero = means.mean(axis=0) if len(means) else known["zero"]
+        zero = means.mean(axis=0) if len(means) else memory["zero"]
         shown = found - zero if len(means) else np.zeros(6)
         return shown, {"zero": zero, "tared": count, "mean": mean, "past": past.ravel()}
 

@@ -127,19 +127,19 @@ class WrenchEstimator(SampledBlock):
         """One tick of the estimate."""
         torque, q = inputs["external_torque"], inputs["joint_position"]
         level = inputs["tare"].item() if "tare" in inputs else 0.0
-        known = bool(np.isfinite(torque).all())
+        finite = bool(np.isfinite(torque).all())
         wrench, near, zero, tared = (memory[name] for name in ("wrench", "near_singular", "zero", "tared"))
-        if known and np.isfinite(q).all():
-            felt = torque if level < -0.5 else torque - zero
+        if finite and np.isfinite(q).all():
+            tared_torque = torque if level < -0.5 else torque - zero
             jacobian = self._model.jacobian(self._scratch.Eval(context), q, self._frame, self._expressed_in)
             first, mine = self._first_row, self._joints
             wrench = np.zeros(6)
             wrench[first:], near = wrench_from_torques(
-                jacobian[first:, mine], felt[mine], smallest=self._smallest, length=self._length
+                jacobian[first:, mine], tared_torque[mine], smallest=self._smallest, length=self._length
             )
             if level > 0.5:
                 wrench[:] = 0.0
-        if level > 0.5 and known:
+        if level > 0.5 and finite:
             mean = zero if tared > 0 else np.zeros_like(torque)
             zero, tared = mean + (torque - mean) / (tared + 1), tared + 1
         elif not level > 0.5:

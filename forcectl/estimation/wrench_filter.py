@@ -20,7 +20,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.arrays import Array
 from forcectl.errors import BadInputError
-from forcectl.estimation.moving_joints import Felt, MovingJoints
+from forcectl.estimation.moving_joints import MovingJoints, MovingJointsEstimate
 from forcectl.estimation.taring import Taring
 from forcectl.framework.batch import check
 from forcectl.framework.block import scratch
@@ -29,7 +29,7 @@ from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.plant.drives.joint_friction import JointFriction, sliding_friction_torque
 from forcectl.robot.momentum_model import MomentumModel
 
-_DOUBT = 0.05  # doubt below which the balance of a joint counts as used
+_USED = 0.05  # ignored share below which the balance of a joint counts as used
 _NEEDED = 0.1  # component of a unit null-space motion above which its joint must be used
 _SETTLED = 1.0  # [s] time constant of the filtered b and c that `torque_elsewhere` is measured from
 _LAG = 0.02  # [s] time constant of `torque_elsewhere`
@@ -108,7 +108,7 @@ class MovingJointsFilter(SampledBlock):
     def _wrench(self, unknowns: Array) -> Array:
         """The wrench of w torques and forces, shape (6,), in the axes of the frame [Nm, N]."""
 
-    def _further(self, memory: Memory, rows: Array, balance: Array, felt: Felt) -> dict[str, Any]:
+    def _further(self, memory: Memory, rows: Array, balance: Array, estimate: MovingJointsEstimate) -> dict[str, Any]:
         """Further state after the tick."""
         return {}
 
@@ -117,18 +117,18 @@ class MovingJointsFilter(SampledBlock):
         mine, balance = self._joints, inputs["torque_balance"]
         q, v = inputs["joint_position"], inputs["joint_velocity"]
         level = inputs["tare"].item() if "tare" in inputs else 0.0
-        tare = self._taring.known(memory, level)
+        tare = self._taring.own_memory(memory, level)
         if not all_finite(balance, q, v):
             return {**memory, **tare}
         plant = self._scratch.Eval(context)
         rows, balance = self._rows(plant, q), (balance + sliding_friction_torque(v, self._friction))[mine]
-        felt = self._filter.tick(memory, rows, balance, v[mine], inputs["reading_ok"][mine] > 0.5)
-        shown, tare = self._taring.step(tare, self._wrench(felt.x[: self._torques + 3]), level)
+        estimate = self._filter.tick(memory, rows, balance, v[mine], inputs["reading_ok"][mine] > 0.5)
+        shown, tare = self._taring.step(tare, self._wrench(estimate.x[: self._torques + 3]), level)
         rotation = self._frame.CalcRotationMatrix(plant, self._expressed_in).matrix()
         return {
             "wrench": np.concatenate([rotation @ shown[:3], rotation @ shown[3:]]),
-            **self._further(memory, rows, balance, felt),
-            **felt.memory,
+            **self._further(memory, rows, balance, estimate),
+            **estimate.memory,
             **tare,
         }
 
@@ -225,17 +225,17 @@ class WrenchFilter(MovingJointsFilter):
         found[3 - self._torques :] = unknowns
         return found
 
-    def _further(self, memory: Memory, rows: Array, balance: Array, felt: Felt) -> dict[str, Any]:
-        x, k, m = felt.x, self._filter.k, self._torques + 3
+    def _further(self, memory: Memory, rows: Array, balance: Array, estimate: MovingJointsEstimate) -> dict[str, Any]:
+        x, k, m = estimate.x, self._filter.k, self._torques + 3
         settled = memory["settled"] + self._period / (self._period + _SETTLED) * (x[m:] - memory["settled"])
         free, elsewhere = left_free(rows.T, self._pick) if self._pick.size else None, memory["elsewhere"]
-        if free is not None and not ((np.abs(free) > _NEEDED).any(axis=1) & (felt.doubt > _DOUBT)).any():
-            left = free @ (free.T @ (balance - felt.H[:, m:] @ settled))
+        if free is not None and not ((np.abs(free) > _NEEDED).any(axis=1) & (estimate.ignored > _USED)).any():
+            left = free @ (free.T @ (balance - estimate.H[:, m:] @ settled))
             elsewhere = elsewhere + self._period / (self._period + _LAG) * (left - elsewhere)
         return {
-            "wrench_deviation": self._wrench(np.sqrt(np.maximum(np.diag(felt.P)[:m], 0.0))),
+            "wrench_deviation": self._wrench(np.sqrt(np.maximum(np.diag(estimate.P)[:m], 0.0))),
             "joint_bias": x[m : m + k],
-            "moving": (felt.doubt < _DOUBT).astype(float),
+            "moving": (estimate.ignored < _USED).astype(float),
             "torque_elsewhere": math.sqrt(elsewhere @ elsewhere),
             "settled": settled,
             "elsewhere": elsewhere,

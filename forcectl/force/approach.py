@@ -53,7 +53,7 @@ _APPROACH, _TOUCH, _CONTACT, _LEAVE, _GAVE_UP = map(float, ApproachMode)
 _AWAY, _SLOWLY, _THERE = 0.0, 1.0, 2.0  # stages of TOUCH
 
 # Force inputs of a law, and the outputs of the move that are connected to them.
-_FORCES = {"desired_force": "regulated_force", "measured_force": "felt_force"}
+_FORCES = {"desired_force": "regulated_force", "measured_force": "force_in_contact"}
 # Ports of a controller of joints behind a guarded move.
 _APPROACHED = (*_FORCES, "approach_displacement")
 _COMMANDS = ("joint_position_command", "approach_displacement")
@@ -66,14 +66,14 @@ class GuardedMove(SampledBatch):
     ```
     name: GuardedMove
     input_ports: [desired_force, measured_force]
-    output_ports: [approach_displacement, approach_mode, regulated_force, felt_force]
+    output_ports: [approach_displacement, approach_mode, regulated_force, force_in_contact]
     parameters: [speed, threshold, touch_speed, step_back, patience, timeout, clearance, rise_time]
     ```
 
     desired_force, measured_force: shape (n,) [N].
     approach_displacement: shape (n,), x_a [m], held over [t_k, t_k+1).
     approach_mode: shape (n,), see `ApproachMode` [1].
-    regulated_force, felt_force: shape (n,), the desired and the measured force in CONTACT, else zeros [N].
+    regulated_force, force_in_contact: shape (n,), the desired and the measured force in CONTACT, else zeros [N].
     All outputs are feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): speed and touch_speed [m/s], threshold [N], patience and timeout [s], clearance
@@ -84,7 +84,7 @@ class GuardedMove(SampledBatch):
     Sampling: every `period` [s]; no delay, see `SampledBlock`.
     """
 
-    port_units = {"approach_displacement": "m", "approach_mode": "1", "regulated_force": "N", "felt_force": "N"}
+    port_units = {"approach_displacement": "m", "approach_mode": "1", "regulated_force": "N", "force_in_contact": "N"}
     port_meanings = {"approach_mode": tuple(mode.name.lower() for mode in ApproachMode)}
 
     def __init__(
@@ -114,12 +114,12 @@ class GuardedMove(SampledBatch):
         }
         super().__init__(size, parameters)
         inputs = [self.DeclareVectorInputPort(name, size) for name in FORCES]
-        self.sample_delay = {("measured_force", "felt_force"): 0.0}
-        shown = ("approach_displacement", "approach_mode", "regulated_force", "felt_force")
+        self.sample_delay = {("measured_force", "force_in_contact"): 0.0}
+        shown = ("approach_displacement", "approach_mode", "regulated_force", "force_in_contact")
         # While the guarded move is in contact, its displacement and mode are constant, and the forces pass through.
         self.passed_elements = {(given, name): range(0) for given in FORCES for name in shown} | {
             ("desired_force", "regulated_force"): range(size),
-            ("measured_force", "felt_force"): range(size),
+            ("measured_force", "force_in_contact"): range(size),
         }
         # Time without contact, time at rest or without force [s], stage of TOUCH, p [1], remaining distance to leave
         # [m].
@@ -134,18 +134,18 @@ class GuardedMove(SampledBatch):
         desired, force = inputs["desired_force"], inputs["measured_force"]
         good = (abs(desired) < np.inf) & (abs(force) < np.inf)
         mode, x = memory["approach_mode"], memory["approach_displacement"]
-        wanted, felt, free = desired > 0.0, force > threshold, force < 0.5 * threshold
+        wanted, touching, free = desired > 0.0, force > threshold, force < 0.5 * threshold
 
         approach, touch, contact, leave = mode == _APPROACH, mode == _TOUCH, mode == _CONTACT, mode == _LEAVE
         stage = memory["stage"]
         stage = m.where(touch & free & (stage == _AWAY), _SLOWLY, stage)
-        stage = m.where(touch & felt & (stage == _SLOWLY), _THERE, stage)
+        stage = m.where(touch & touching & (stage == _SLOWLY), _THERE, stage)
         slowly = stage == _SLOWLY
         resting = (touch & (stage != _SLOWLY)) | (contact & free & (desired > threshold))
         waiting = m.where(resting, memory["waiting"] + period, 0.0)
         searching = m.where((approach | touch) & wanted, memory["searching"] + period, 0.0)
 
-        after = m.where(approach & felt, _TOUCH, mode)
+        after = m.where(approach & touching, _TOUCH, mode)
         after = m.where(waiting >= patience, m.where(touch, _CONTACT, _TOUCH), after)
         after = m.where((searching > timeout) & (after != _CONTACT), _GAVE_UP, after)
         after = m.where(wanted, m.where(leave, _APPROACH, after), _LEAVE)
@@ -176,7 +176,7 @@ class GuardedMove(SampledBatch):
         new = self.choose(good, new, memory)
         regulating = new["approach_mode"] == _CONTACT
         new["regulated_force"] = m.where(regulating, desired, 0.0)
-        new["felt_force"] = m.where(regulating, force, 0.0)
+        new["force_in_contact"] = m.where(regulating, force, 0.0)
         return new
 
 

@@ -188,14 +188,14 @@ class IntegralLawConfig(Config, LawConfig):
 class IntegralConfig(IntegralLawConfig, in_batches=True):
     """Scenario part `!Integral`."""
 
-    def unlimited_law(self, model: PlantModel, *, believes: bool) -> IntegralForceLaw:
+    def unlimited_law(self, model: PlantModel, *, modelled: bool) -> IntegralForceLaw:
         """The block without limits of its command.
 
         Args:
             model: of the plant.
-            believes: whether the compliance is a parameter, `compliance_error` times the total one; else it is a port.
+            modelled: whether the compliance is a parameter, `compliance_error` times the total one; else it is a port.
         """
-        return self.law(model, self.compliance_error * model.total_compliance if believes else None, limited=False)
+        return self.law(model, self.compliance_error * model.total_compliance if modelled else None, limited=False)
 
     def sampled_response(self, model: PlantModel) -> StateSpace:
         """From the measured force to displacement and rate of the command, without the dead zone."""

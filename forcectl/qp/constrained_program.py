@@ -156,7 +156,7 @@ class ConstrainedProgram:
         u, beyond = found.u, 0.0
         if found.levels == 0:
             u = self._constraints.brake(motion.v, rows, None if problem.smooth is None else problem.smooth.last)
-        if torque is not None and (found.levels == 0 or len(limit) > self._asked(problem)):
+        if torque is not None and (found.levels == 0 or len(limit) > self._rows_without_torque(problem)):
             beyond = max(torque.excess(motion, u), 0.0)
         active = 0
         if found.touches:
@@ -181,7 +181,7 @@ class ConstrainedProgram:
         found, matrix, limit, problem = self._answer(problem)
         if level is not None and (isinstance(level, bool) or level not in range(1, len(problem.levels) + 1)):
             raise invalid("level", level, f"from 1 to {len(problem.levels)}")
-        if self._torque is not None and len(limit) == self._asked(problem):
+        if self._torque is not None and len(limit) == self._rows_without_torque(problem):
             matrix, limit = self._with_torque(problem.motion, matrix, limit)
         program = self._programs.program(
             max(found.levels, 1) if level is None else level,
@@ -197,8 +197,8 @@ class ConstrainedProgram:
             row.evaluator().set_description(name)
         return program
 
-    def _asked(self, problem: Problem) -> int:
-        """How many rows there are without those of the torques."""
+    def _rows_without_torque(self, problem: Problem) -> int:
+        """Number of rows without those of the torques."""
         return 1 if self._nothing is not None else len(self._further) + len(problem.rows.limit)
 
     def _answer(self, problem: Problem) -> tuple[PrioritizedSolution, Vector, Vector, Problem]:

@@ -64,7 +64,7 @@ class NamedProgram:
         self._variables, self._names, self._equal_names = tuple(variables), tuple(rows), tuple(equalities)
         self._cost_name, self._bounds_name, self._soft = cost, bounds, tuple(soft)
         self._program: Any = None
-        self._asked = 0  # rows, when it was filled last
+        self._filled = 0  # number of rows when it was filled last
 
     def fill(self, numbers: Coefficients, equal: tuple[Array, Array] | None = None) -> MathematicalProgram:
         """The program with these numbers.
@@ -76,19 +76,19 @@ class NamedProgram:
         """
         if self._program is None:
             self._build()
-        n, asked = len(self._variables), len(numbers.matrix)
+        n, rows = len(self._variables), len(numbers.matrix)
         hessian, gradient, matrix, lower, upper, v_lower, v_upper = numbers
         self._cost.UpdateCoefficients(hessian[:n, :n], gradient[:n], 0.0, is_convex=True)
         if self._soft:
             self._slack_cost.UpdateCoefficients(hessian[n:, n:], gradient[n:], 0.0, is_convex=True)
         self._bounds.UpdateLowerBound(v_lower[:n])
         self._bounds.UpdateUpperBound(v_upper[:n])
-        for i, (row, columns) in enumerate(zip(self._rows[:asked], self._columns, strict=False)):
+        for i, (row, columns) in enumerate(zip(self._rows[:rows], self._columns, strict=False)):
             row.UpdateCoefficients(matrix[i : i + 1, columns], lower[i : i + 1], upper[i : i + 1])
-        for row in self._rows[asked : self._asked]:
+        for row in self._rows[rows : self._filled]:
             row.UpdateLowerBound(-_INF)
             row.UpdateUpperBound(_INF)
-        self._asked = asked
+        self._filled = rows
         if equal is not None:
             A, b = equal
             for i, row in enumerate(self._equalities):

@@ -54,7 +54,7 @@ def feedthrough(inputs: tuple[str, ...], *outputs: str) -> set[tuple[str, str]]:
 
 
 FORCES: dict[str, Input] = {"desired_force": force, "measured_force": force}
-MOVE = ("approach_displacement", "approach_mode", "regulated_force", "felt_force")
+MOVE = ("approach_displacement", "approach_mode", "regulated_force", "force_in_contact")
 PASSIVE = ("displacement_command", "observed_energy", "passivity_offset")
 BASELINE_EXAMPLES: dict[type[System], list[Example]] = {
     ImpedanceForceLaw: [

@@ -21,7 +21,7 @@ DISPLACEMENTS = ("motor_displacement", "path_displacement", "planned_displacemen
 SEEN = {
     "measured_force": force,
     **dict.fromkeys(DISPLACEMENTS, push),
-    "felt_displacements": lambda t: np.tile(push(t), 2),
+    "filtered_displacements": lambda t: np.tile(push(t), 2),
 }
 OFFSETS = ("displacement_command", "surface_offset", "drive_offset")
 

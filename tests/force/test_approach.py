@@ -75,8 +75,8 @@ def test_it_touches_twice_and_hands_over_at_rest():
     assert x[-1] == pytest.approx(deepest + 0.004 * 0.005)
     inside = mode == CONTACT
     np.testing.assert_array_equal(log["regulated_force"][:, 0], np.where(inside, 15.0, 0.0))
-    assert (log["felt_force"][~inside] == 0.0).all()
-    assert (log["felt_force"][inside] > 0.0).all()
+    assert (log["force_in_contact"][~inside] == 0.0).all()
+    assert (log["force_in_contact"][inside] > 0.0).all()
 
 
 def test_a_force_that_stays_after_the_first_touch_is_a_contact():

@@ -17,8 +17,8 @@ from forcectl.framework.block import PythonBlock
 from forcectl.framework.kernels import all_finite
 from forcectl.framework.wiring import input_names
 
-_FAULT, _RELEASED, _READING, _ASKED, _FAST = map(
-    LoopMemory._fields.index, ("fault", "released", "reading", "asked", "fast")
+_FAULT, _RELEASED, _READING, _REFERENCE, _FAST = map(
+    LoopMemory._fields.index, ("fault", "released", "reading", "reference", "fast")
 )
 
 
@@ -126,7 +126,7 @@ class ControllerGuard(PythonBlock):
             for i, limits in enumerate(self._each):
                 loop = before[i * LOOP : (i + 1) * LOOP]
                 memory += read(limits, last < 0.0, loop, desired[i], measured[i], depths[i])
-        output.get_mutable_value()[:] = memory[_ASKED::LOOP] + memory[_READING::LOOP] + memory
+        output.get_mutable_value()[:] = memory[_REFERENCE::LOOP] + memory[_READING::LOOP] + memory
 
     def put_guarded(self, context: Context, output: BasicVector) -> None:
         """Guarded command, status, the memory after the tick, and the rate of the command."""

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 Numbers = list[float]
 
-APART = 2.0  # value of `LoopMemory.released` while there is no contact
+NO_CONTACT = 2.0  # value of `LoopMemory.released` while there is no contact
 
 
 class Reaction(IntEnum):

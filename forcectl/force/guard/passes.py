@@ -6,7 +6,7 @@ import numpy as np
 
 from forcectl.arrays import Array, Indices
 from forcectl.force.guard.limits import GuardLimits
-from forcectl.force.guard.readings import FELT, STIFFER, TOGETHER
+from forcectl.force.guard.readings import CONSISTENT_TICKS, CONTACT_SHARE, STIFFER
 
 _ROUNDING = 1e-9  # of a limit: closer to it than this, the answer is "no"
 _SURE = 1.0 - _ROUNDING
@@ -35,7 +35,7 @@ def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: A
         and _forces_pass(limits, measured, command)
         and not _frozen(limits, measured, command)
         and not _lost(limits, desired, measured, command)
-        and _answers(limits, desired, measured, command)
+        and _responds(limits, desired, measured, command)
     )
 
 
@@ -44,7 +44,7 @@ def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
     from scipy.signal import lfilter  # loads for most of a second; only batches need it
 
     share, first = limits.share, measured[0]
-    measured, known = _between_new(measured)
+    measured, certain = _between_new(measured)
     if share < 1.0:
         one, _ = lfilter([share], [1.0, share - 1.0], measured, zi=[(1.0 - share) * first])
         two, _ = lfilter([share], [1.0, share - 1.0], one, zi=[(1.0 - share) * first])
@@ -53,7 +53,7 @@ def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
     else:
         estimate, weight = measured, 0.1
     rates = lfilter([weight], [1.0, weight - 1.0], np.diff(estimate, prepend=first) / limits.period)
-    estimate, rises = estimate[known], np.maximum(rates[known], 0.0)
+    estimate, rises = estimate[certain], np.maximum(rates[certain], 0.0)
     before = _before(command)
     shown, _ = lfilter(
         [limits.settle_own], [1.0, limits.settle_own - 1.0], before, zi=[(1 - limits.settle_own) * before[0]]
@@ -61,23 +61,23 @@ def _forces_pass(limits: GuardLimits, measured: Array, command: Array) -> bool:
     now = -np.diff(shown, prepend=shown[0]) / (limits.period * limits.compliance)
     own = np.maximum(_held(now, limits.keep_own), STIFFER * now)
     explained = np.minimum(own, rises)
-    unseen = np.maximum((shown - before) / limits.compliance, limits.turn * explained)
-    coming = estimate + limits.ahead * (rises - explained) + np.minimum(unseen, limits.ahead * explained)
-    return bool(coming.max() <= _SURE * limits.force and _SURE * limits.lowest <= estimate.min())
+    unshown = np.maximum((shown - before) / limits.compliance, limits.turn * explained)
+    predicted = estimate + limits.ahead * (rises - explained) + np.minimum(unshown, limits.ahead * explained)
+    return bool(predicted.max() <= _SURE * limits.force and _SURE * limits.lowest <= estimate.min())
 
 
 def _between_new(measured: Array) -> tuple[Array, Indices]:
     """Readings, with repeated ones interpolated up to the next new one; and at each tick the index of the last certain.
 
-    A reading is certain if it is new, or has repeated itself for more than `TOGETHER` ticks.
+    A reading is certain if it is new, or has repeated itself for more than `CONSISTENT_TICKS` ticks.
     """
     tick, new = np.arange(len(measured)), np.diff(measured, prepend=np.nan) != 0.0
     run = np.cumsum(new) - 1
-    goes_on = np.bincount(run)[run] - 1 > TOGETHER
+    goes_on = np.bincount(run)[run] - 1 > CONSISTENT_TICKS
     points = new | goes_on
     start = np.maximum.accumulate(np.where(new, tick, 0))
-    known = np.where(tick - start > TOGETHER, tick, start)
-    return np.interp(tick, tick[points], measured[points]), known
+    certain = np.where(tick - start > CONSISTENT_TICKS, tick, start)
+    return np.interp(tick, tick[points], measured[points]), certain
 
 
 def _held(values: Array, keep: float) -> Array:
@@ -99,28 +99,28 @@ def _frozen(limits: GuardLimits, measured: Array, command: Array) -> bool:
     start = np.maximum.accumulate(np.where(np.diff(measured, prepend=np.nan) != 0.0, tick, 0))
     same = tick - start
     deeper = ((measured > 0.0) | (same > limits.repeats)) & (before[start] - before > limits.deeper)
-    return bool(((same > TOGETHER) & ((same >= limits.same) | deeper)).any())
+    return bool(((same > CONSISTENT_TICKS) & ((same >= limits.same) | deeper)).any())
 
 
 def _lost(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:
     """Whether contact is lost too often, or a lost surface is searched for too far."""
     tick = np.arange(len(measured))
     before = _before(command)
-    asks, feels = desired > 0.0, measured > FELT * desired
-    losses = np.count_nonzero(feels[asks][:-1] & ~feels[asks][1:])
-    last = np.maximum.accumulate(np.where(feels & asks, tick, -1))
-    too_far = (last >= 0) & ~feels & (before[last] - before > limits.search * _SURE)
+    pressing, in_contact = desired > 0.0, measured > CONTACT_SHARE * desired
+    losses = np.count_nonzero(in_contact[pressing][:-1] & ~in_contact[pressing][1:])
+    last = np.maximum.accumulate(np.where(in_contact & pressing, tick, -1))
+    too_far = (last >= 0) & ~in_contact & (before[last] - before > limits.search * _SURE)
     return bool(losses > limits.losses or too_far.any())
 
 
-def _answers(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:
+def _responds(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:
     """Whether readings respond to the displacement into the surface throughout, and little energy goes into it."""
     from scipy.signal import lfilter
 
     before = _before(command)
     slow, _ = lfilter([limits.settle], [1.0, limits.settle - 1.0], before, zi=[(1.0 - limits.settle) * before[0]])
-    worth = (-limits.gap - slow) / limits.compliance
-    silent = (worth > limits.force * _SURE) & (measured < limits.response * worth * (1.0 + _ROUNDING))
+    modelled = (-limits.gap - slow) / limits.compliance
+    silent = (modelled > limits.force * _SURE) & (measured < limits.response * modelled * (1.0 + _ROUNDING))
     gone_in = np.maximum(-measured * np.diff(slow, prepend=slow[0]), 0.0)
     energy = lfilter([1.0], [1.0, -limits.keep], gone_in)
     return bool(not (silent & (desired > 0.0)).any() and energy.max() <= limits.energy * _SURE)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
-from forcectl.force.guard.limits import APART, Cause, GuardLimits, Numbers, Reaction
+from forcectl.force.guard.limits import NO_CONTACT, Cause, GuardLimits, Numbers, Reaction
 
 # Memory of the block: time, reaction, cause, ticks in the reaction, retreats, ticks held, distance of the retreat so
 # far, distance over which it is to be fast.
@@ -60,17 +60,17 @@ def decide(
         limits: limits of the guard.
         block: memory of the tick before.
         fault: largest `Cause` of the loops; 0 for none.
-        released: smallest of the loops: 1 if a retreat may end, `APART` without contact, else 0.
+        released: smallest of the loops: 1 if a retreat may end, `NO_CONTACT` without contact, else 0.
         fast: largest of the loops: distance over which a retreat is to be fast [m].
         command: guarded command of the tick before, m numbers [m or rad].
         raw: command of the controller, m numbers.
         shift: that offset in the tick before, m numbers.
         steps: of the command.
     """
-    time, reaction, cause, since, retreats, held, gone, quick = block
+    time, reaction, cause, since, retreats, held, retreated, fast_distance = block
     shifted = any(shift)
     wanted = [r + s for r, s in zip(raw, shift, strict=True)] if shifted else raw
-    creeps = shifted and released == APART
+    creeps = shifted and released == NO_CONTACT
     if reaction == Reaction.PASS and not fault and not creeps and steps.within(wanted, command):
         return [time, 0.0, 0.0, 0.0, retreats, max(held - _RECOVERY, 0.0), 0.0, 0.0], wanted, shift
     finite = all(abs(value) < math.inf for value in wanted)
@@ -82,7 +82,7 @@ def decide(
         retreats += float(fault == Cause.FORCE)
         if held >= limits.patience and reaction == Reaction.HOLD:
             reaction, since = Reaction.RETREAT if steps.away else Reaction.STOP, 0.0
-        gone, quick = 0.0, min(fast, _FAST_SHARE * limits.retreat)
+        retreated, fast_distance = 0.0, min(fast, _FAST_SHARE * limits.retreat)
     else:
         since += 1.0
     if reaction == Reaction.SLOW:
@@ -94,16 +94,16 @@ def decide(
             reaction = cause = since = 0.0
     elif reaction == Reaction.RETREAT:
         again = finite and cause == Cause.FORCE and retreats <= limits.retreats
-        far = gone >= limits.retreat - _TINY
+        far = retreated >= limits.retreat - _TINY
         if again and (far or released):
             shift = [c - r for c, r in zip(command, raw, strict=True)]
             reaction = cause = since = 0.0
         elif far:
             reaction = Reaction.STOP
         else:
-            step = min(max(quick - gone, limits.back), _FASTER * limits.back, limits.retreat - gone)
-            command, gone = steps.back(command, step), gone + step
-    return [time, reaction, cause, since, retreats, held, gone, quick], command, shift
+            step = min(max(fast_distance - retreated, limits.back), _FASTER * limits.back, limits.retreat - retreated)
+            command, retreated = steps.back(command, step), retreated + step
+    return [time, reaction, cause, since, retreats, held, retreated, fast_distance], command, shift
 
 
 def _react(

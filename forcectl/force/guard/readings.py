@@ -26,16 +26,16 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from forcectl.force.guard.limits import APART, Cause, GuardLimits
+from forcectl.force.guard.limits import NO_CONTACT, Cause, GuardLimits
 
 STIFFER = 2.5  # c: a larger value would explain surfaces that come closer, too
-TOGETHER = 10  # ticks of consistent readings after a fault until they are accepted again
-_JUMPED = -1.0  # value of `together` after a jump that the filter of a sound sensor cannot show
+CONSISTENT_TICKS = 10  # ticks of consistent readings after a fault until they are accepted again
+_JUMPED = -1.0  # value of `consistent` after a jump that the filter of a sound sensor cannot show
 _NEAR = 3  # ticks from the last accepted reading up to which a continuation of it is accepted at once
-FELT = 0.05  # of the desired force: below it there is no contact
-_MADE = 0.25  # of the desired force: above it there is a contact whose loss counts
+CONTACT_SHARE = 0.05  # of the desired force: below it there is no contact
+_FIRM_SHARE = 0.25  # of the desired force: above it there is a contact whose loss counts
 _SENSED = 0.5  # [N] smallest reading that proves that the sensor responds
-_WARY = 0.9  # of the largest force: limit once the predicted force has passed the largest one
+_LOWERED = 0.9  # of the largest force: limit once the predicted force has passed the largest one
 _RELEASED = 0.8  # of the largest force: below it a retreat may end
 _LEAP = 12.0  # factor of the predicted rise of the force in the distance of a fast retreat
 _MOST = 8.0  # of the largest force: bound of the force from which that distance is computed
@@ -47,18 +47,18 @@ class LoopMemory(NamedTuple):
 
     Attributes:
         fault: `Cause` of the fault; 0 for none.
-        released: 1 if a retreat may end, `APART` without contact, else 0.
+        released: 1 if a retreat may end, `NO_CONTACT` without contact, else 0.
         reading, before: the last accepted reading, and the one before it [N].
         missed: ticks since then.
         raw, raw_before: last two readings, accepted or not [N].
-        together: ticks of consistent raw readings; -1 after a jump that no filter shows.
+        consistent: ticks of consistent raw readings; -1 after a jump that no filter shows.
         same: ticks for which the reading has repeated itself.
         anchor: depth of the command where the repetition began [m].
-        asked: last plausible desired force [N].
-        unasked: ticks since then.
+        reference: last plausible desired force [N].
+        reference_missed: ticks since then.
         one, two: states of the estimate [N].
         estimate, rate: of the true force [N], [N/s].
-        felt: depth of the command at the last contact [m].
+        contact_depth: depth of the command at the last contact [m].
         touches: 1 while there is a contact whose loss counts, else 0.
         losses: number of contact losses.
         slow: depth of the command behind a lag [m].
@@ -67,8 +67,8 @@ class LoopMemory(NamedTuple):
         fast: distance over which a retreat is to be fast [m].
         shown: depth of the command behind the lag of the estimate [m].
         own: rate of the force that the command's displacement explains [N/s].
-        wary: 1 once the predicted force has passed the largest one, else 0.
-        seen: `slow` at the last reading that was new: repeated readings show nothing deeper [m].
+        lowered: 1 once the predicted force has passed the largest one, else 0.
+        new_depth: `slow` at the last reading that was new: repeated readings show nothing deeper [m].
     """
 
     fault: float = 0.0
@@ -78,16 +78,16 @@ class LoopMemory(NamedTuple):
     missed: float = 0.0
     raw: float = 0.0
     raw_before: float = 0.0
-    together: float = 0.0
+    consistent: float = 0.0
     same: float = 0.0
     anchor: float = 0.0
-    asked: float = 0.0
-    unasked: float = 0.0
+    reference: float = 0.0
+    reference_missed: float = 0.0
     one: float = 0.0
     two: float = 0.0
     estimate: float = 0.0
     rate: float = 0.0
-    felt: float = _NEVER
+    contact_depth: float = _NEVER
     touches: float = 0.0
     losses: float = 0.0
     slow: float = 0.0
@@ -96,8 +96,8 @@ class LoopMemory(NamedTuple):
     fast: float = 0.0
     shown: float = 0.0
     own: float = 0.0
-    wary: float = 0.0
-    seen: float = 0.0
+    lowered: float = 0.0
+    new_depth: float = 0.0
 
 
 LOOP = len(LoopMemory._fields)
@@ -117,9 +117,9 @@ def read(
         depth: displacement of the command of the tick before, negative into the surface [m].
     """
     last = LoopMemory._make(loop)
-    asked, unasked = last.asked, last.unasked + 1.0
+    reference, reference_missed = last.reference, last.reference_missed + 1.0
     if -limits.desired <= desired <= limits.desired:
-        asked, unasked = desired, 0.0
+        reference, reference_missed = desired, 0.0
     same, anchor = 0.0, depth
     if measured == last.raw and not first:
         same, anchor = last.same + 1.0, last.anchor
@@ -128,27 +128,27 @@ def read(
     if first:
         slow_before = slow = shown_before = depth
         zero = -limits.gap
-    believed, ticks, before, together, anew = _accepted(limits, first, last, measured, same)
+    accepted, ticks, before, consistent, restarts = _accepted(limits, first, last, measured, same)
     good, missed = last.reading, last.missed + 1.0
     one, two, estimate, rate = last.one, last.two, last.estimate, last.rate
-    felt, touches, losses = last.felt, last.touches, last.losses
-    if anew:  # the step to this reading would look like a rate of the force
+    contact_depth, touches, losses = last.contact_depth, last.touches, last.losses
+    if restarts:  # the step to this reading would look like a rate of the force
         one = two = estimate = measured
         rate = 0.0
         if not first:
             # After a jump of the sensor only the last accepted reading is certain: x_0 such that the model gives it.
             zero = slow + limits.compliance * good
-    if believed:
+    if accepted:
         for left in range(ticks - 1, -1, -1):
             reading = measured - (measured - good) * left / ticks
             one, two, estimate, rate = _estimated(limits, reading, one, two, estimate, rate)
         good, missed = measured, 0.0
-        if asked > 0.0 and good > FELT * asked:
-            felt, touches = depth, 1.0 if good > _MADE * asked else touches
-        elif asked > 0.0:
+        if reference > 0.0 and good > CONTACT_SHARE * reference:
+            contact_depth, touches = depth, 1.0 if good > _FIRM_SHARE * reference else touches
+        elif reference > 0.0:
             touches, losses = 0.0, losses + 1.0 if touches else losses
-    worth = (zero - slow) / limits.compliance
-    if good >= max(_MADE * asked, limits.response * worth, _SENSED):
+    modelled = (zero - slow) / limits.compliance
+    if good >= max(_FIRM_SHARE * reference, limits.response * modelled, _SENSED):
         zero = _NEVER
     energy = max(limits.keep * last.energy - good * (slow - slow_before), 0.0)
     # Of a rate explained by the command's displacement, only the force that the estimate does not show yet is added.
@@ -157,50 +157,50 @@ def read(
     own = max(now, limits.keep_own * last.own)
     rises = max(rate, 0.0)
     explained = min(max(own, STIFFER * now), rises)
-    coming = estimate + limits.ahead * (rises - explained)
-    unseen = max((shown - depth) / limits.compliance, limits.turn * explained)
-    coming += min(unseen, limits.ahead * explained)
+    predicted = estimate + limits.ahead * (rises - explained)
+    unshown = max((shown - depth) / limits.compliance, limits.turn * explained)
+    predicted += min(unshown, limits.ahead * explained)
     # Modelled force, with the displacement that repeated readings do not show.
-    seen = last.seen if same else slow
-    blind = good + (seen - depth) / limits.compliance
-    aim, fault, fast, wary = min(asked, _RELEASED * limits.force), Cause.NONE, 0.0, last.wary
-    if coming > (_WARY if wary else 1.0) * limits.force:
+    new_depth = last.new_depth if same else slow
+    extrapolated = good + (new_depth - depth) / limits.compliance
+    aim, fault, fast, lowered = min(reference, _RELEASED * limits.force), Cause.NONE, 0.0, last.lowered
+    if predicted > (_LOWERED if lowered else 1.0) * limits.force:
         fast = limits.compliance * min(estimate - aim + _LEAP * limits.ahead * rises, _MOST * limits.force)
-        fault, wary = Cause.FORCE, 1.0
-    elif losses > limits.losses or (good < FELT * asked and felt - depth > limits.search):
+        fault, lowered = Cause.FORCE, 1.0
+    elif losses > limits.losses or (good < CONTACT_SHARE * reference and contact_depth - depth > limits.search):
         fault = Cause.CONTACT
     elif energy > limits.energy:
         fault = Cause.ENERGY
-    elif same > TOGETHER and (
+    elif same > CONSISTENT_TICKS and (
         same >= limits.same
         # Without a force, a sound sensor without noise repeats its reading, too.
-        or ((good > 0.0 or same > limits.repeats) and (anchor - depth > limits.deeper or blind > limits.force))
+        or ((good > 0.0 or same > limits.repeats) and (anchor - depth > limits.deeper or extrapolated > limits.force))
     ):
         fault = Cause.FROZEN
         # Retreat without a hold if the sensor has not responded yet and the modelled force is too large.
-        way = (zero - depth) / limits.compliance
-        if asked > 0.0 and way > limits.force and good < limits.response * way:
-            fast = limits.compliance * (way - aim)
-    elif asked > 0.0 and worth > limits.force and good < limits.response * worth:
+        immediate = (zero - depth) / limits.compliance
+        if reference > 0.0 and immediate > limits.force and good < limits.response * immediate:
+            fast = limits.compliance * (immediate - aim)
+    elif reference > 0.0 and modelled > limits.force and good < limits.response * modelled:
         fault = Cause.RESPONSE
     elif missed or estimate < limits.lowest:
         fault = Cause.READING
-    elif unasked:
+    elif reference_missed:
         fault = Cause.REFERENCE
     released = float(estimate <= aim and rate <= 0.0)
-    if estimate < FELT * asked:
-        released = APART
+    if estimate < CONTACT_SHARE * reference:
+        released = NO_CONTACT
     # `_make` with the values in the order of the fields: keyword arguments take four times the time.
-    readings = (good, before, missed, measured, last.raw, together, same, anchor, asked, unasked)
-    contact = (felt, touches, losses, slow, zero, energy)
+    readings = (good, before, missed, measured, last.raw, consistent, same, anchor, reference, reference_missed)
+    contact = (contact_depth, touches, losses, slow, zero, energy)
     estimates = (one, two, estimate, rate)
-    return LoopMemory._make((fault, released, *readings, *estimates, *contact, fast, shown, own, wary, seen))
+    return LoopMemory._make((fault, released, *readings, *estimates, *contact, fast, shown, own, lowered, new_depth))
 
 
 def _accepted(
     limits: GuardLimits, first: bool, last: LoopMemory, measured: float, same: float
 ) -> tuple[bool, int, float, float, bool]:
-    """Whether a reading is accepted, the number of ticks for which it updates the estimate, `before` and `together`
+    """Whether a reading is accepted, the number of ticks for which it updates the estimate, `before` and `consistent`
     of the next `LoopMemory`, and whether the estimate restarts from it.
 
     Args:
@@ -210,29 +210,29 @@ def _accepted(
         measured: reading [N].
         same: ticks for which it has repeated itself.
     """
-    good, before, together = last.reading, last.before, last.together
+    good, before, consistent = last.reading, last.before, last.consistent
     plausible = limits.lowest <= measured <= limits.highest
     n = last.missed + 1.0
     if first:
-        return plausible, 1, measured if plausible else before, together, plausible
+        return plausible, 1, measured if plausible else before, consistent, plausible
     if plausible and not last.missed and abs(measured - 2 * good + before) <= limits.jump:
         # A repeated reading counts as a lost sample, for which the estimate waits, unless it goes on repeating itself.
         ticks = 1
-        if same <= TOGETHER:
-            ticks = 0 if same else 1 + int(last.same) * (last.same <= TOGETHER)
-        elif same == TOGETHER + 1:
+        if same <= CONSISTENT_TICKS:
+            ticks = 0 if same else 1 + int(last.same) * (last.same <= CONSISTENT_TICKS)
+        elif same == CONSISTENT_TICKS + 1:
             ticks = int(same)
-        return True, ticks, good, together, False
-    if plausible and together < 0.0 and abs(measured - last.raw) <= abs(good - before) + limits.jump:
+        return True, ticks, good, consistent, False
+    if plausible and consistent < 0.0 and abs(measured - last.raw) <= abs(good - before) + limits.jump:
         # A sound sensor jumped to another force, which no filter shows, and stays there.
-        return False, 1, before, together, False
+        return False, 1, before, consistent, False
     if plausible and same == 0.0 and n <= _NEAR and abs(measured - good - n * (good - before)) <= n * n * limits.jump:
         return True, int(n), measured - (measured - good) / n, 0.0, False
     if plausible and same == 0.0 and abs(measured - 2 * last.raw + last.raw_before) <= limits.jump:
         # After a jump, a pull of a surface that cannot pull is not accepted.
-        if together + 1.0 >= TOGETHER and (measured >= -_SENSED or limits.losses == math.inf):
+        if consistent + 1.0 >= CONSISTENT_TICKS and (measured >= -_SENSED or limits.losses == math.inf):
             return True, 1, last.raw, 0.0, True
-        return False, 1, before, together + 1.0, False
+        return False, 1, before, consistent + 1.0, False
     # After rejected or repeated readings a sensor may go on from another force.
     jumped = plausible and not last.missed and last.raw != last.raw_before
     return False, 1, before, _JUMPED if jumped else 0.0, False

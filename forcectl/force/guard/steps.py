@@ -71,9 +71,9 @@ class JointSteps:
 
     def approach(self, wanted: Numbers, command: Numbers, factor: float) -> tuple[Numbers, bool]:
         """One step on the straight line in joint space."""
-        way = np.subtract(wanted, command)
-        share = float(np.abs(way / (factor * self._slow)).max())
-        return (wanted, True) if share <= 1.0 else ((np.array(command) + way / share).tolist(), False)
+        difference = np.subtract(wanted, command)
+        share = float(np.abs(difference / (factor * self._slow)).max())
+        return (wanted, True) if share <= 1.0 else ((np.array(command) + difference / share).tolist(), False)
 
     def back(self, command: Numbers, distance: float) -> Numbers:
         """The command with all tools moved away from their surfaces."""

@@ -116,10 +116,10 @@ class HybridConfig(Config):
         axes = self._axes(model)
         rotation = axes.rotation(axes.robot.context_at(model.start), model.n if axes.follow else None)
         shares = zip(DIRECTIONS[3:], (model.n @ rotation) ** 2, strict=True)
-        felt = [(self.directions[name].law, float(share)) for name, share in shares if name in self.directions]
+        loaded = [(self.directions[name].law, float(share)) for name, share in shares if name in self.directions]
         laws: list[tuple[Any, float]] = []
-        for law, _ in felt:
-            whole = sum(share for other, share in felt if other == law)
+        for law, _ in loaded:
+            whole = sum(share for other, share in loaded if other == law)
             if whole > _ACROSS and (law, whole) not in laws:
                 laws.append((law, whole))
         return laws

@@ -32,7 +32,7 @@ _SLIGHT = 1e-9  # [m, rad] tolerance: a step along a constraint leaves it a litt
 
 # Memory of the steps: x_a of the move at the last tick, what is still to be made up for of its steps out of the
 # surface, and the x_a that the command contains [m].
-AT_REST = {"approach_asked": 0.0, "approach_left": 0.0, "approach_displacement": 0.0}
+AT_REST = {"approach_requested": 0.0, "approach_left": 0.0, "approach_displacement": 0.0}
 
 
 class ApproachSteps:
@@ -54,7 +54,7 @@ class ApproachSteps:
         self,
         motion_at: Callable[[Vector, Vector], RobotMotion],
         contact: ContactMotion,
-        asked: float,
+        requested: float,
         memory: Memory,
         new: Memory,
     ) -> dict[str, Any]:
@@ -64,12 +64,12 @@ class ApproachSteps:
             motion_at: gives the motion at joint positions and speeds, (n,) [rad, rad/s]; a call may overwrite the
                 scratch data of the motion before.
             contact: of the controller; its displacement does not contain the move.
-            asked: displacement x_a of the move [m].
+            requested: displacement x_a of the move [m].
             memory: of the tick before.
             new: of the controller after the tick, without the step.
         """
         q, v = new["joint_position_command"], new["joint_velocity_command"]
-        wanted, made = memory["approach_left"] + asked - memory["approach_asked"], 0.0
+        wanted, made = memory["approach_left"] + requested - memory["approach_requested"], 0.0
         if wanted != 0.0:
             here = motion_at(q, v)
             here.contact = contact
@@ -86,7 +86,7 @@ class ApproachSteps:
         return {
             "joint_position_command": q,
             "displacement_command": new["displacement_command"] + moved,
-            "approach_asked": asked,
+            "approach_requested": requested,
             "approach_left": max(wanted - made, 0.0),
             "approach_displacement": moved,
         }

@@ -187,7 +187,7 @@ class InvarianceController(SampledBlock):
             raise invalid("maximum_force", maximum_force, "above zero")
         self._maximum_force = maximum_force
         self._sensor = sensor if maximum_force < math.inf else None
-        self._seen_size = 0 if self._sensor is None else self._sensor.size
+        self._sensor_state_size = 0 if self._sensor is None else self._sensor.size
         self._nominal_gain = None if nominal_gain is None else check("nominal_gain", nominal_gain, "positive")
         self._known_compliance = math.nan if compliance is None else check("compliance", compliance, "positive")
 
@@ -251,7 +251,7 @@ class InvarianceController(SampledBlock):
             "reference_before": np.zeros(n),
             "reference_state": np.zeros(len(ReferenceState._fields)),
             "touched": 0.0,
-            "in_sensor": np.zeros(self._seen_size),
+            "in_sensor": np.zeros(self._sensor_state_size),
             # The rates after the tick, as the tick predicted them.
             "foreseen_outputs": np.zeros(len(self._axes)),
             "foreseen_rows": np.zeros(self._constraints.foreseen_size),
@@ -334,8 +334,8 @@ class InvarianceController(SampledBlock):
             "foreseen_rows": self._constraints.foresee(rows, u),
         }
         if self._approach is not None:
-            asked, motion_at = inputs["approach_displacement"].item(), partial(self._motion, context, place=1)
-            new |= self._approach.step(motion_at, tick.motion.contact, asked, memory, new)
+            requested, motion_at = inputs["approach_displacement"].item(), partial(self._motion, context, place=1)
+            new |= self._approach.step(motion_at, tick.motion.contact, requested, memory, new)
         return new
 
     def _tick(self, context: Context, start: TickStart) -> InvarianceTick:

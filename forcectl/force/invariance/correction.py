@@ -138,7 +138,7 @@ class InvarianceControlConfig(InvarianceLimits):
         correction = self.block(InvarianceCorrection, model, compliance)
         unlimited = getattr(self.nominal, "unlimited_law", None)
         if unlimited is not None:
-            return InvarianceControl(unlimited(model, believes=compliance is not None), correction)
+            return InvarianceControl(unlimited(model, modelled=compliance is not None), correction)
         builder = DiagramBuilder()
         with about(self.nominal):
             nominal = self.nominal.add_to(builder, model)

@@ -86,7 +86,7 @@ class Objective:
             missed: see `Along`.
         """
         wanted = self._tracking.acceleration(motion, path, rate, bend, self._across)
-        wanted += (self._signs * [output.wish for output in outputs] - missed) @ self._axes
+        wanted += (self._signs * [output.desired_acceleration for output in outputs] - missed) @ self._axes
         return wanted
 
     def level(self, motion: RobotMotion, along: Along, wanted: Vector) -> tuple[Level, bool]:

@@ -51,14 +51,14 @@ class PredictiveCorrection(SampledBatch):
     ```
     name: PredictiveCorrection
     input_ports: [measured_force, motor_displacement, path_displacement, planned_displacement, nominal_command,
-    felt_displacements]
+    filtered_displacements]
     output_ports: [displacement_command, planned_command, surface_offset, drive_offset]
     parameters: [compliance, surface_bandwidth, drive_bandwidth, search_speed, lead, minimum_force, offset_limit,
     lower_limit, upper_limit, drive_compliance, drive_dead_zone]
     ```
 
     measured_force: shape (n,), F_m [N]. motor_displacement, path_displacement: shape (n,), dx_m and h dx_uc [m].
-    felt_displacements: shape (2n,), both after the filter of the force sensor [m, m].
+    filtered_displacements: shape (2n,), both after the filter of the force sensor [m, m].
     planned_displacement: shape (n,), h (u + s) [m]. nominal_command: shape (n,), u [m].
     displacement_command: shape (n,), dx_bar = u + s - e [m], held over [t_k, t_k+1).
     planned_command: shape (n,), u + s [m]. surface_offset, drive_offset: shape (n,), s and e [m].
@@ -78,7 +78,7 @@ class PredictiveCorrection(SampledBatch):
     Sampling: every `period` [s]; no delay from nominal_command to displacement_command, see `SampledBlock`.
     """
 
-    port_units = {"felt_displacements": "m,m", "planned_command": "m", "drive_offset": "m"}
+    port_units = {"filtered_displacements": "m,m", "planned_command": "m", "drive_offset": "m"}
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class PredictiveCorrection(SampledBatch):
         self.sample_delay = {("nominal_command", "displacement_command"): 0.0}
         names = ("measured_force", "motor_displacement", "path_displacement", "planned_displacement", "nominal_command")
         inputs = [self.DeclareVectorInputPort(name, size) for name in names]
-        inputs.append(self.DeclareVectorInputPort("felt_displacements", 2 * size))
+        inputs.append(self.DeclareVectorInputPort("filtered_displacements", 2 * size))
         shown = ("displacement_command", "planned_command", "surface_offset", "drive_offset")
         self.declare_memory(dict.fromkeys((*shown, "height", "rate", "nominal", "path"), 0.0), inputs, period)
         self.show(*shown)
@@ -138,10 +138,10 @@ class PredictiveCorrection(SampledBatch):
         lower, upper, drive, zone = limits
         rate, force, nominal = memory["rate"], inputs["measured_force"], inputs["nominal_command"]
         motor, path = inputs["motor_displacement"], inputs["path_displacement"]
-        felt_motor, felt_path = inputs["felt_displacements"]
+        filtered_motor, filtered_path = inputs["filtered_displacements"]
 
         ahead = memory["height"] + self._period * rate
-        error = (compliance - drive) * force + felt_motor - felt_path - ahead
+        error = (compliance - drive) * force + filtered_motor - filtered_path - ahead
         drive_error = motor - drive * force - path - inputs["planned_displacement"]
         good = (abs(error) < inf) & (abs(drive_error) < inf) & (abs(nominal) < inf)
         error, drive_error = where(good, error, 0.0), where(good, drive_error, 0.0)
@@ -220,7 +220,7 @@ class PredictiveForceLaw(Around):
         connect(path, both.get_input_port(1))
         connect(path, correction.GetInputPort("path_displacement"))
         connect(both.get_output_port(), sensor.get_input_port())
-        connect(sensor.get_output_port(), correction.GetInputPort("felt_displacements"))
+        connect(sensor.get_output_port(), correction.GetInputPort("filtered_displacements"))
         connect(correction.GetOutputPort("planned_command"), planned_loop.get_input_port())
         connect(planned, correction.GetInputPort("planned_displacement"))
         connect(law.GetOutputPort("displacement_command"), correction.GetInputPort("nominal_command"))

@@ -24,7 +24,7 @@ class Regulated(NamedTuple):
 
     y: float
     rate: float
-    wish: float
+    desired_acceleration: float
     bound: float
 
 

@@ -206,9 +206,9 @@ class CompliantContact(BatchBlock):
 
     def _solve(self, context: Context) -> tuple[BatchValue, BatchValue]:
         stiffness, rate, compliance, total = self.values(context)
-        dx, seen = self._situation(context)
-        if seen is not None:
-            compliance = seen
+        dx, compliance_now = self._situation(context)
+        if compliance_now is not None:
+            compliance = compliance_now
         if total is None:
             at_place, damping = self._surface
             if at_place is not None:

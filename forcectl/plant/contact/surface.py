@@ -387,8 +387,8 @@ def read_profile(path: str, length: float = math.inf) -> tuple[Array, Array]:
     """
     positions, heights = read_series(path, "position", "height")
     if abs(heights[k := int(np.abs(heights).argmax())]) > _HIGHEST:
-        told = f"position = {positions[k]:g}, height = {heights[k]:g}"
-        raise BadInputError(f" = {path!r}: {told}: must be in metres, at most {_HIGHEST:g} m", key="path")
+        largest = f"position = {positions[k]:g}, height = {heights[k]:g}"
+        raise BadInputError(f" = {path!r}: {largest}: must be in metres, at most {_HIGHEST:g} m", key="path")
     if (span := float(positions[-1] - positions[0])) > 2 * _LONGEST:
         raise BadInputError(f" = {path!r}: positions span {span:g}: must be in metres", key="path")
     check_meets(path, positions, length)

@@ -90,8 +90,8 @@ class JointImpedance(SampledBatch):
         stiffness, damping = self.values(context)
         wanted, rate = inputs["reference"]
         q, speed = inputs["motor_state"]
-        told = abs(wanted) + abs(rate) < np.inf
-        goal, rate = m.where(told, wanted, memory["reference"]), m.where(told, rate, 0.0)
+        finite = abs(wanted) + abs(rate) < np.inf
+        goal, rate = m.where(finite, wanted, memory["reference"]), m.where(finite, rate, 0.0)
         torque = stiffness * (goal - q) + damping * (rate - speed) + inputs["gravity_torque"]
         torque = m.where(abs(torque) < np.inf, torque, memory["torque_command"])
         return {"torque_command": torque, "reference": goal}

@@ -78,14 +78,14 @@ class TorqueDrive(PythonDiagram):
         n, B, back = motors.size, motors.inertia, motors.to_joint
         limit = batch_values("torque_limit", torque_limit, n, "positive")
         gain, dt = check("torque_gain", torque_gain, "not negative"), check("period", period, "positive")
-        seen = -np.expm1(-dt * check("friction_bandwidth", friction_bandwidth, "not negative"))
+        share = -np.expm1(-dt * check("friction_bandwidth", friction_bandwidth, "not negative"))
         eye, zero = np.eye(n), np.zeros((n, n))
         slowed = np.diag(1 / (1 + dt * motors.viscous / B))
-        inert = seen * np.diag(B / dt)
+        inert = share * np.diag(B / dt)
         # x = [phi, phi', tau_F_hat]; inputs: s - sat(s), tau_m and the springs' torque on the motors.
         axes = LinearSystem(
-            np.block([[eye, zero, zero], [zero, zero, zero], [zero, inert, (1 - seen) * eye]]),
-            np.block([[dt * slowed, zero, zero], [slowed, zero, zero], [-inert @ slowed, seen * eye, seen * eye]]),
+            np.block([[eye, zero, zero], [zero, zero, zero], [zero, inert, (1 - share) * eye]]),
+            np.block([[dt * slowed, zero, zero], [slowed, zero, zero], [-inert @ slowed, share * eye, share * eye]]),
             np.eye(3 * n),
             np.zeros((3 * n, 3 * n)),
             period,
@@ -97,7 +97,7 @@ class TorqueDrive(PythonDiagram):
         add, connect = builder.AddNamedSystem, builder.Connect
         add("axes", axes)
         load = add("springs_on_motors", MatrixGain(-back.T))
-        asked = add("asked", Multiplexer([n, n, 3 * n]))
+        torque_inputs = add("torque_inputs", Multiplexer([n, n, 3 * n]))
         loop = add("torque_loop", MatrixGain(np.hstack([(1 + gain) * back.T, gain * eye, zero, zero, eye])))
         torque = add("motors", Saturation(-limit, limit))
         known = add("known", Multiplexer([3 * n, n, n]))
@@ -108,9 +108,9 @@ class TorqueDrive(PythonDiagram):
         connect(known.get_output_port(), free_speed)
         connect(slip, acting.get_input_port(0))
         for source, block, index in (
-            (load, asked, 1),
-            (axes, asked, 2),
-            (asked, loop, 0),
+            (load, torque_inputs, 1),
+            (axes, torque_inputs, 2),
+            (torque_inputs, loop, 0),
             (loop, torque, 0),
             (axes, known, 0),
             (torque, known, 1),
@@ -120,7 +120,7 @@ class TorqueDrive(PythonDiagram):
             (acting, axes, 0),
         ):
             connect(source.get_output_port(), block.get_input_port(index))
-        builder.ExportInput(asked.get_input_port(0), "torque_command")
+        builder.ExportInput(torque_inputs.get_input_port(0), "torque_command")
         builder.ExportInput(load.get_input_port(), "spring_torque")
         motors.export_motion(builder, axes)
         builder.ExportOutput(torque.get_output_port(), "motor_torque")

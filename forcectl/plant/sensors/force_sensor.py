@@ -78,9 +78,9 @@ def converter(
 def digitise(force: BatchValue, noise: BatchValue, channel: Converter, m: Any = np) -> BatchValue:
     """The raw reading of a true force [N] with bias, noise (given as unit white noise), range and quantisation."""
     bias, noise_std, upper, lower, quantum, quantised, _ = channel
-    seen = m.maximum(m.minimum(force + (bias + noise_std * noise), upper), lower)
-    rounded = quantum * m.floor(seen / quantum + 0.5)
-    return rounded if quantised is None else m.where(quantised, rounded, seen)
+    limited = m.maximum(m.minimum(force + (bias + noise_std * noise), upper), lower)
+    rounded = quantum * m.floor(limited / quantum + 0.5)
+    return rounded if quantised is None else m.where(quantised, rounded, limited)
 
 
 class SensorElectronics(BatchBlock):
@@ -141,7 +141,7 @@ class SensorElectronics(BatchBlock):
         """Declare the ports; the outputs depend on the inputs and on `reads`."""
 
     @abstractmethod
-    def feels(self, context: Context) -> Matrix:
+    def true_load(self, context: Context) -> Matrix:
         """The true load of the channels, shape (n,)."""
 
     def derive(self, values: tuple[BatchValue, ...]) -> Converter:
@@ -149,19 +149,19 @@ class SensorElectronics(BatchBlock):
         return converter(*values)
 
     def _tare_update(self, context: Context, next_state: DiscreteValues) -> None:
-        quiet = self._raw(context, self.feels(context), np.zeros(self._size))
+        quiet = self._raw(context, self.true_load(context), np.zeros(self._size))
         next_state.set_value(self._tare, self.stack(quiet))
 
-    def _raw(self, context: Context, felt: Matrix, noise: Matrix) -> BatchValue:
-        channel, force = self.values(context), self.batch_value(felt)
+    def _raw(self, context: Context, load: Matrix, noise: Matrix) -> BatchValue:
+        channel, force = self.values(context), self.batch_value(load)
         if channel.drift is not None:
             force = force + channel.drift * context.get_time()
         return digitise(force, self.batch_value(noise), channel, self.math)
 
-    def read(self, context: Context, felt: Matrix) -> BatchValue:
-        """The reading of the channels under the load `felt`, shape (n,)."""
+    def read(self, context: Context, load: Matrix) -> BatchValue:
+        """The reading of the channels under a load, shape (n,)."""
         tick = int(context.get_time() / self._period + 0.5)
-        reading = self._raw(context, felt, white_noise(self._sources, tick))
+        reading = self._raw(context, load, white_noise(self._sources, tick))
         if self._tare is not None:
             reading = reading - self.batch_value(context.get_discrete_state(self._tare).value())
         return reading
@@ -192,7 +192,7 @@ class ForceDigitiser(SensorElectronics):
         reads = self.reads | {self._force.ticket()}
         self.DeclareVectorOutputPort("reading", self._size, self._reading, prerequisites_of_calc=reads)
 
-    def feels(self, context: Context) -> Matrix:
+    def true_load(self, context: Context) -> Matrix:
         """The force."""
         return self._force.Eval(context)
 

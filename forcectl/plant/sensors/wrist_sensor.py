@@ -142,11 +142,11 @@ class WristSensor(SensorElectronics):
             next_state.set_value(self._orientation, self._orient(self._posture.Eval(context)))
             next_state.set_value(self._taken_at, q)
 
-    def feels(self, context: Context) -> Vector:
+    def true_load(self, context: Context) -> Vector:
         """Load of the weld, from environment and weight of everything beyond the sensor, at S in S; with cross-talk."""
-        return self._seen(self._reactions.Eval(context))
+        return self._weld_load(self._reactions.Eval(context))
 
-    def _seen(self, reactions: Sequence[SpatialForce]) -> Vector:
+    def _weld_load(self, reactions: Sequence[SpatialForce]) -> Vector:
         carried: Vector = -reactions[self._rows[0]].get_coeffs()
         return carried if self._cross_talk is None else self._cross_talk @ carried
 
@@ -154,7 +154,7 @@ class WristSensor(SensorElectronics):
         reactions = self._reactions.Eval(context)
         orientation = context.get_discrete_state(self._orientation).value()
         readings = np.empty(8)
-        readings[:6] = self.read(context, self._seen(reactions))
+        readings[:6] = self.read(context, self._weld_load(reactions))
         readings[:6] -= orientation[3:]
         readings[6] = orientation[:3] @ readings[3:6]
         readings[7] = reactions[self._rows[1]].translational()[2]

@@ -370,7 +370,7 @@ def test_a_stated_uncertainty_asks_for_the_acceleration_to_brake_with() -> None:
     most = 20.0**2 * 0.1 / (1.5 * 2e-4)
     for gamma, ratio in ((-1.01 * most, 1.0), (-0.99 * most, 1.0), (-0.99 * most, 1.5)):
         FourthDegreeInvarianceConfig(gamma=gamma, compliance_ratio=ratio).add_to(DiagramBuilder(), MODEL)
-    with pytest.raises(BadInputError, match=r"gamma = .* at least -1\.333e\+05, what acceleration_limit"):
+    with pytest.raises(BadInputError, match=r"gamma = .* at least -1\.333e\+05, the braking by acceleration_limit"):
         FourthDegreeInvarianceConfig(gamma=-1.01 * most, compliance_ratio=1.5).add_to(DiagramBuilder(), MODEL)
 
 

@@ -178,12 +178,12 @@ def signals(size: int, **changed: Any) -> dict[str, Any]:
         "path_displacement": wave(3e-5),
         "planned_displacement": wave(1.2e-4),
         "nominal_command": wave(-2e-4),
-        "felt_displacements": wave(8e-5, 2),
+        "filtered_displacements": wave(8e-5, 2),
         **changed,
     }
 
 
-@pytest.mark.parametrize("name", ["measured_force", "motor_displacement", "felt_displacements", "nominal_command"])
+@pytest.mark.parametrize("name", ["measured_force", "motor_displacement", "filtered_displacements", "nominal_command"])
 def test_a_signal_that_is_not_a_number_teaches_nothing(name):
     good = signals(1)[name]
     log = run_diagram(
@@ -209,7 +209,7 @@ def test_offsets_and_command_stay_within_their_limits_and_come_back():
         return np.array([200.0 if t < 0.5 else 0.5])
 
     block = correction(offset_limit=1e-4, lower_limit=-2e-4, upper_limit=1.5e-4)
-    quiet = dict.fromkeys(signals(1), 0.0) | {"felt_displacements": np.zeros(2)}
+    quiet = dict.fromkeys(signals(1), 0.0) | {"filtered_displacements": np.zeros(2)}
     log = run_diagram(block, 1.5, period=PERIOD, inputs=quiet | {"measured_force": far})
     assert np.abs(log["surface_offset"]).max() == 1e-4
     assert log["surface_offset"][-1].item() < 5e-5, "no windup"

@@ -26,7 +26,7 @@ def test_a_coordinate_goes_to_its_set_point_from_either_side_and_not_beyond(dist
     output = RegulatedCoordinate(np.array([1.0, 0.0, 0.0]), distance, gamma)
     x, v, furthest = 0.0, 0.0, 0.0
     for _ in range(round(2.5 * (2 * np.sqrt(abs(distance) / -gamma) + 0.02) / PERIOD)):
-        a = output.regulate(x, v, 0.0, PERIOD).wish
+        a = output.regulate(x, v, 0.0, PERIOD).desired_acceleration
         x, v = x + PERIOD * v + 0.5 * PERIOD**2 * a, v + PERIOD * a
         furthest = max(furthest, x * np.sign(distance))
     assert x == pytest.approx(distance, abs=1e-9)
@@ -37,7 +37,7 @@ def test_the_force_is_an_output_against_the_displacement() -> None:
     output, state = regulate_force(-1e-3, -0.01, 15.0, COMPLIANCE, REST, GAMMA, 0.3, PERIOD)
     assert output.y == pytest.approx(1e-3 - 3e-3)
     assert output.rate == 0.01
-    assert output.wish == output.bound == 0.3  # far away: as fast as allowed
+    assert output.desired_acceleration == output.bound == 0.3  # far away: as fast as allowed
     assert state == (15.0, 7500.0, 7500.0 / PERIOD)
 
 
@@ -49,7 +49,7 @@ def test_a_nominal_acceleration_is_limited_only_where_the_constraint_asks_for_it
     assert at(-1.0).bound > 100.0
     assert at(-0.5e-3).bound == pytest.approx(GAMMA, rel=0.05)
     assert -0.1 <= at(1e-3).bound < 0
-    assert at(-1.0).wish == 3.0
+    assert at(-1.0).desired_acceleration == 3.0
 
 
 def test_far_from_the_constraint_a_reference_that_falls_moves_the_command_by_the_nominal_law_alone() -> None:

@@ -275,7 +275,7 @@ def test_reaction_of_a_plant_at_rest_is_load_and_weight(robot, posture):
     plant.get_applied_spatial_force_input_port().FixValue(context, [applied])
     plant.get_applied_generalized_force_input_port().FixValue(context, hold)
     plant.get_actuation_input_port().FixValue(context, np.zeros(plant.num_actuators()))
-    wrench = read.feels(read.GetMyContextFromRoot(root))
+    wrench = read.true_load(read.GetMyContextFromRoot(root))
     expected = wrench_at_sensor(robot, q, load_W) + tool_weight(robot, q)
     np.testing.assert_allclose(wrench, expected, atol=1e-8)
 

@@ -33,7 +33,7 @@ from forcectl.framework.fields import Config, key
 from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.contact.pairs.locked_parts import displacement, holding_wrench
 from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact, check_roles
-from forcectl.plant.contact.pairs.step_ahead import REMEMBERED, StepAhead
+from forcectl.plant.contact.pairs.step_ahead import STATE_SIZE, StepAhead
 from forcectl.robot.joint_tree import cross
 
 _SLIP = 1e-3  # [m/s] slip speed below which friction is regularised, smaller than Coulomb's
@@ -68,7 +68,7 @@ class CapOnMountConfig(Config):
     lock_stiffness: float = key(
         5.0, "torsional stiffness of the lock against further turning", unit="Nm/rad", bounds="not negative"
     )
-    lock_torque: float = key(0.6, "largest torque of the lock, with which it gives way", unit="Nm", bounds="positive")
+    lock_torque: float = key(0.6, "largest torque of the lock, at which it yields", unit="Nm", bounds="positive")
 
     roles: ClassVar[tuple[str, str]] = ("mount", "cap")
 
@@ -117,7 +117,7 @@ class CapContact(PairContact):
 
     def __init__(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, config: CapOnMountConfig, *, time_step: float):
         # State: values of `StepAhead`, then whether the parts are locked, and the locked orientation and position.
-        super().__init__(tip, mouth, REMEMBERED + 13, time_step)
+        super().__init__(tip, mouth, STATE_SIZE + 13, time_step)
         angles = 2.0 * np.pi * np.arange(config.feet) / config.feet
         feet = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(config.feet)])
         self._config, self._feet = config, config.radius * feet
@@ -128,14 +128,14 @@ class CapContact(PairContact):
         """See `PairContact`."""
         R, p = mouth.R.T @ tip.R, mouth.R.T @ (tip.p - mouth.p)
         own, before = self._ahead.own_velocities(tip, mouth), context.get_discrete_state(self.memory).value()
-        released, lock = self.released(context), before[REMEMBERED:]
+        released, lock = self.released(context), before[STATE_SIZE:]
         if any(released):
             wrench = np.zeros(6)
             if lock[0]:
-                mobility, free = self._ahead.free(R, p, own, before[:REMEMBERED], released)
+                mobility, free = self._ahead.free(R, p, own, before[:STATE_SIZE], released)
                 displaced = displacement(R, p, lock[1:10].reshape(3, 3), lock[10:])
                 wrench = holding_wrench(self._holding, displaced, mobility, free, self._step)
-            return wrench, np.concatenate([self._ahead.remembered(own, wrench, released), lock])
+            return wrench, np.concatenate([self._ahead.step_state(own, wrench, released), lock])
         turning = mouth.R.T @ (tip.w - mouth.w)
         # Velocity of the mount's point at the mouth, relative to the cap.
         moving = mouth.R.T @ (tip.v - mouth.v - cross_matrix(tip.w) @ (tip.p - mouth.p))
@@ -144,7 +144,7 @@ class CapContact(PairContact):
             wrench = cap_wrench(self._config, self._feet @ R.T + p, R, turning, moving)
         if wrench.any() and beyond_lock(self._config, R) > 0:
             lock = np.concatenate([[1.0], R.ravel(), p])
-        return wrench, np.concatenate([self._ahead.remembered(own, wrench, released), lock])
+        return wrench, np.concatenate([self._ahead.step_state(own, wrench, released), lock])
 
     def _near(self, p: Array) -> bool:
         r = self._config.radius
@@ -158,8 +158,8 @@ def beyond_lock(config: CapOnMountConfig, rotation: Array) -> float:
         config: sizes and coefficients.
         rotation: of the mount in the cap, shape (3, 3).
     """
-    psi, way = math.atan2(rotation[1, 0], rotation[0, 0]), math.copysign(1.0, config.lock_deg)
-    return max(way * psi - abs(math.radians(config.lock_deg)), 0.0)
+    psi, direction = math.atan2(rotation[1, 0], rotation[0, 0]), math.copysign(1.0, config.lock_deg)
+    return max(direction * psi - abs(math.radians(config.lock_deg)), 0.0)
 
 
 def cap_wrench(config: CapOnMountConfig, feet: Array, rotation: Array, turning: Array, moving: Array) -> Array:

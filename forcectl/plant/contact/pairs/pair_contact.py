@@ -71,16 +71,16 @@ class _Contact(NamedTuple):
     Attributes:
         wrench: in the axes of the mouth, shape (6,) [Nm, N].
         in_world: torque and force in the world, shapes (3,) [Nm, N].
-        apart: position of the tip from the mouth, in the world, shape (3,) [m].
+        p_MT: position of the tip from the mouth, in the world, shape (3,) [m].
         place: position of the mouth in the world, shape (3,) [m].
-        remembered: values kept for the next step.
+        next_state: values kept for the next step.
     """
 
     wrench: Array
     in_world: tuple[Array, Array]
-    apart: Array
+    p_MT: Array
     place: Array
-    remembered: Array
+    next_state: Array
 
 
 class PairContact(PythonBlock):
@@ -123,7 +123,7 @@ class PairContact(PythonBlock):
             self._pair,
             prerequisites_of_calc=made,
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._step, offset_sec=0.0, update=self._remember)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._step, offset_sec=0.0, update=self._keep)
 
     def wrench(self, context: Context, tip: EndMotion, mouth: EndMotion) -> tuple[Array, Array]:
         """Wrench on the body with the tip, at the mouth in its axes, shape (6,) [Nm, N]; values for the next step."""
@@ -136,13 +136,13 @@ class PairContact(PythonBlock):
         tip, mouth = self._released.Eval(context) > 0.5
         return bool(tip), bool(mouth)
 
-    def remembered(self, context: Context) -> Array:
+    def next_values(self, context: Context) -> Array:
         """The values of `wrench` at this time that are kept for the next step."""
         found: _Contact = self._contact.Eval(context)
-        return found.remembered
+        return found.next_state
 
-    def _remember(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self.memory, self.remembered(context))
+    def _keep(self, context: Context, discrete: DiscreteValues) -> None:
+        discrete.set_value(self.memory, self.next_values(context))
 
     def _motion(self, poses: Any, velocities: Any, end: int) -> EndMotion:
         body, (p_BF, R_BF) = self._ends[end]
@@ -153,15 +153,15 @@ class PairContact(PythonBlock):
     def _compute(self, context: Context) -> _Contact:
         bodies = self._poses.Eval(context), self._velocities.Eval(context)
         tip, mouth = (self._motion(*bodies, end) for end in (0, 1))
-        wrench, remembered = self.wrench(context, tip, mouth)
+        wrench, next_state = self.wrench(context, tip, mouth)
         in_world = (mouth.R @ wrench[:3], mouth.R @ wrench[3:])
-        return _Contact(wrench, in_world, tip.p - mouth.p, mouth.p, remembered)
+        return _Contact(wrench, in_world, tip.p - mouth.p, mouth.p, next_state)
 
     def _apply(self, context: Context, output: AbstractValue) -> None:
         found = self._contact.Eval(context)
         torque, force = found.in_world
         # Each wrench at the origin of its body's own frame, tip or mouth.
-        both = (np.append(torque - cross_matrix(found.apart) @ force, force), -np.append(torque, force))
+        both = (np.append(torque - cross_matrix(found.p_MT) @ force, force), -np.append(torque, force))
         ends = zip(self._ends, both, strict=True) if force.any() else ()
         output.set_value([applied_force(body, place, wrench) for (body, (place, _)), wrench in ends])
 

@@ -23,7 +23,7 @@ from forcectl.plant.contact.pairs.peg_in_bore import (
     contact_wrench,
     touching,
 )
-from forcectl.plant.contact.pairs.step_ahead import REMEMBERED, StepAhead
+from forcectl.plant.contact.pairs.step_ahead import STATE_SIZE, StepAhead
 
 _NEAR = 0.02  # [m] height of the tip above the mouth, below which contact is computed
 
@@ -80,7 +80,7 @@ class PegContact(PairContact):
     """
 
     def __init__(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, config: PegInBoreConfig, *, time_step: float):
-        super().__init__(tip, mouth, REMEMBERED, time_step)
+        super().__init__(tip, mouth, STATE_SIZE, time_step)
         self._config, self._profile = config, PegProfile(config)
         self._ahead = StepAhead(plant, tip, mouth, self._step)
 
@@ -95,4 +95,4 @@ class PegContact(PairContact):
             touch = touching(self._profile, R + turn @ R, p + turn @ p + self._step * free[3:])
             if touch is not None:
                 wrench = contact_wrench(touch, self._config, mobility, free, self._step)
-        return wrench, self._ahead.remembered(own, wrench, released)
+        return wrench, self._ahead.step_state(own, wrench, released)

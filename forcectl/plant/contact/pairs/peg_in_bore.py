@@ -179,19 +179,19 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
     points = (touch.points @ _LEVERS + _STRAIGHT).reshape(-1, 3, 6)  # Jacobians of the points
     rows, every = np.einsum("ij,ijk->ik", n, points), points.reshape(-1, 6)
     stiff, response, along = c.stiffness * step, step * mobility, np.zeros(len(n))
-    firm, apart = c.damping + stiff, rows @ free
-    elastic = c.stiffness * touch.depths + stiff * apart  # the depths are those at the end of the step
-    spring = elastic - firm * apart
+    firm, separation_speed = c.damping + stiff, rows @ free
+    elastic = c.stiffness * touch.depths + stiff * separation_speed  # the depths are those at the end of the step
+    spring = elastic - firm * separation_speed
     for _ in range(_PASSES):
         pushing = touch.shares * (spring > 0.0)
         # Springs and dampers along the normals; friction as a damper along the faces.
         damper = (rows.T * (firm * pushing - along)) @ rows
         damper += (points * along[:, None, None]).reshape(-1, 6).T @ every
         then = dgesv(_IDENTITY + response @ damper, free + response @ ((pushing * elastic) @ rows))[2]
-        apart = rows @ then
-        spring = elastic - firm * apart
+        separation_speed = rows @ then
+        spring = elastic - firm * separation_speed
         pressed = np.maximum(spring, 0.0)
-        slip = (every @ then).reshape(-1, 3) - apart[:, None] * n
+        slip = (every @ then).reshape(-1, 3) - separation_speed[:, None] * n
         along = c.friction * pressed * touch.shares / np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
     force = (pressed * touch.shares)[:, None] * n - along[:, None] * slip
     return force.ravel() @ every

@@ -25,7 +25,7 @@ from forcectl.arrays import Array
 from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.contact.pairs.pair_contact import EndMotion
 
-REMEMBERED = 20  # number of values: velocities of tip and mouth, wrench of the contact, whether each is released
+STATE_SIZE = 20  # number of values: velocities of tip and mouth, wrench of the contact, whether each is released
 
 
 def mobility_of(plant: MultibodyPlant, frame: Frame, step: float) -> Array:
@@ -78,7 +78,7 @@ class StepAhead:
         return np.concatenate(parts).reshape(2, 6)
 
     @staticmethod
-    def remembered(own: Array, wrench: Array, released: Sequence[bool]) -> Array:
+    def step_state(own: Array, wrench: Array, released: Sequence[bool]) -> Array:
         """The values that the next step needs of this one, shape (20,).
 
         Args:
@@ -88,17 +88,17 @@ class StepAhead:
         """
         return np.concatenate([own.ravel(), wrench, np.array(released, dtype=float)])
 
-    def free(self, R: Array, p: Array, own: Array, remembered: Array, released: Sequence[bool]) -> tuple[Array, Array]:
+    def free(self, R: Array, p: Array, own: Array, state: Array, released: Sequence[bool]) -> tuple[Array, Array]:
         """W, shape (6, 6), and V*, shape (6,) [rad/s, m/s].
 
         Args:
             R, p: orientation and position of the tip in the mouth's frame, shapes (3, 3) and (3,) [m].
             own: see `own_velocities`.
-            remembered: of the step before, see `remembered`, shape (20,).
+            state: of the step before, see `step_state`, shape (20,).
             released: whether a gripper has released the part with the tip, and the part with the mouth.
         """
-        before, wrench_before = remembered[:12].reshape(2, 6), remembered[12:18]
-        if any(now and not then for now, then in zip(released, remembered[18:], strict=True)):
+        before, wrench_before = state[:12].reshape(2, 6), state[12:18]
+        if any(now and not then for now, then in zip(released, state[18:], strict=True)):
             before, wrench_before = own, np.zeros(6)
         # Maps a velocity at the tip, in its axes, to that of the tip's body at the mouth.
         move = np.zeros((6, 6))

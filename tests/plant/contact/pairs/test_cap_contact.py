@@ -157,7 +157,7 @@ def test_a_locked_cap_stays_on_its_mount_when_it_is_let_go_and_another_falls(loc
     X_TM = RigidTransform(RotationMatrix.MakeZRotation(-turn), [0.0, 0.0, 1e-3])
     body = plant.GetBodyByName("cap")
     plant.SetFreeBodyPose(context, body, X_WT @ X_TM @ mouth.GetFixedPoseInBodyFrame().inverse())
-    own.SetDiscreteState(block.memory, block.remembered(own))  # of a step with both in their grasps
+    own.SetDiscreteState(block.memory, block.next_values(own))  # of a step with both in their grasps
     released.FixValue(own, [0.0, 1.0])
     simulator.AdvanceTo(0.3)
     moved = mouth.CalcPose(context, tip).translation() - X_TM.translation()
@@ -177,5 +177,5 @@ def test_one_part_on_itself_is_refused():
 
 
 def test_feet_softer_than_the_contact_are_refused():
-    with pytest.raises(BadInputError, match=r"foot_stiffness = 400\.0: must be above 500, the stiffness"):
+    with pytest.raises(BadInputError, match=r"foot_stiffness = 400\.0: must be above 500 N/m, the stiffness"):
         config(stiffness=1500.0, foot_stiffness=400.0)
