@@ -173,9 +173,9 @@ class LinkDistance:
 
     def _late(self, y: Array, rate: Array) -> Array:
         """Braking needed to stop before the minimum, beyond the 2 gamma that a constraint demands at most."""
-        coming = np.maximum(rate, 0.0)
-        within = np.maximum(-y, coming * self._period)
-        needed = 0.5 * coming * coming / np.maximum(within, _TINY)
+        closing_speed = np.maximum(rate, 0.0)
+        within = np.maximum(-y, closing_speed * self._period)
+        needed = 0.5 * closing_speed * closing_speed / np.maximum(within, _TINY)
         return np.clip(needed + 2.0 * self.gamma, 0.0, _LARGEST_FACTOR * -self.gamma)
 
 

@@ -182,14 +182,14 @@ class MomentumObserver(SampledBatch):
 
         lost = False
         # Shortcut for good readings, nearly all ticks: a fifth of the time of the full check.
-        well = started and all_finite(q, v, torque) and not (largest(moved == 0.0) or largest(frozen))
-        if well and self._jumps:
-            well = smallest(np.abs(v - v_last) <= self._jump * elapsed)
-        if well:
+        all_good = started and all_finite(q, v, torque) and not (largest(moved == 0.0) or largest(frozen))
+        if all_good and self._jumps:
+            all_good = smallest(np.abs(v - v_last) <= self._jump * elapsed)
+        if all_good:
             ok, impulse, covered = self._good, impulse + torque * self._span, covered + self._span
         else:
             finite = np.isfinite(q) & np.isfinite(v) & np.isfinite(torque)
-            fine = finite
+            usable = finite
             if started:
                 same = (moved == 0.0) | ~np.isfinite(q)
                 # Filtered speeds lag: they are not zero yet when a joint has just stuck. The raw speed is used instead.
@@ -203,12 +203,12 @@ class MomentumObserver(SampledBatch):
                 lost = (
                     bool(same.all() and v.any()) and np.array_equal(v, v_last) and np.array_equal(torque, torque_last)
                 )
-                fine = finite & (frozen == 0) & (not lost or elapsed > self._longest)
+                usable = finite & (frozen == 0) & (not lost or elapsed > self._longest)
                 known = np.isfinite(torque) & (not lost)
                 impulse = impulse + np.where(known, torque * self._period, 0.0)
                 covered = covered + np.where(known, self._period, 0.0)
-            ok = fine.astype(float)
-            if not fine.all():
+            ok = usable.astype(float)
+            if not usable.all():
                 return {
                     **memory,
                     "external_torque": external,
@@ -221,12 +221,12 @@ class MomentumObserver(SampledBatch):
                 }
 
         gain, offset, coulomb, forward, backward, move, still, limit = self.values(context)
-        going_on = started and bool(lost or elapsed <= self._longest)
+        continues = started and bool(lost or elapsed <= self._longest)
         mean_torque = torque
         # The motor torque of a tick is already its mean; over a gap the mean is formed here.
-        if going_on and (lost or elapsed > 1.5 * self._period):
+        if continues and (lost or elapsed > 1.5 * self._period):
             mean_torque = (impulse + (elapsed - covered) * 0.5 * (torque + torque_last)) / elapsed
-        if self._lag is None or not going_on:
+        if self._lag is None or not continues:
             late_q, late_torque = q, mean_torque
         else:
             pole = math.exp(-self._lag * elapsed)
@@ -235,7 +235,7 @@ class MomentumObserver(SampledBatch):
             late_torque = pole * memory["late_torque"] + share * (mean_torque + memory["mean_torque"])
         momentum, force = self._model.terms(self._scratch.Eval(context), late_q, v)
         balance = memory["torque_balance"]
-        if going_on:
+        if continues:
             sign, ahead, back = mean_features(v_last, v)
             friction = offset + coulomb * sign + forward * ahead + backward * back
             mean = (momentum - memory["momentum"]) / elapsed - late_torque

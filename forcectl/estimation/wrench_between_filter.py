@@ -55,7 +55,7 @@ class WrenchBetweenFilter(MovingJointsFilter):
         tare_window: end and begin of the window of `Taring`, as times before now [s]; empty: none.
         tare_change: change of a force from the tare value, above which taring pauses [N], > 0.
         period: tick [s].
-        **trust: `noise`, `bias`, `bias_walk`, `slow`, `hold` and `trust` of `MovingJoints`.
+        **joint_options: `noise`, `bias`, `bias_walk`, `slow`, `hold` and `trust` of `MovingJoints`.
 
     Raises:
         BadInputError: a value out of range, friction of another number of joints, a frame of another plant.
@@ -76,13 +76,13 @@ class WrenchBetweenFilter(MovingJointsFilter):
         tare_window: Sequence[float] = (),
         tare_change: float = 0.5,
         period: float = 0.004,
-        **trust: float,
+        **joint_options: float,
     ):
         self._arms = between
         joints = np.concatenate([np.arange(arm.joints.start, arm.joints.stop) for arm in between])
         walks, tare = (6 if moment else 0, moment_walk, force_walk), (tare_window, tare_change)
         tip = between[1].tcp_frame
-        super().__init__(model, friction, joints, tip, expressed_in, walks, tare, period, trust)
+        super().__init__(model, friction, joints, tip, expressed_in, walks, tare, period, joint_options)
         self.show("wrench")
 
     def _rows(self, plant: Context, q: Array) -> Array:

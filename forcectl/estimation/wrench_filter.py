@@ -52,7 +52,7 @@ class MovingJointsFilter(SampledBlock):
             of their change in 1 s [1, Nm, N].
         tare: window and change of `Taring`.
         period: tick [s].
-        trust: keyword arguments of `MovingJoints`.
+        joint_options: keyword arguments of `MovingJoints`.
         further: further state by name.
 
     Raises:
@@ -75,7 +75,7 @@ class MovingJointsFilter(SampledBlock):
         walks: tuple[int, float, float],
         tare: tuple[Sequence[float], float],
         period: float,
-        trust: Mapping[str, float],
+        joint_options: Mapping[str, float],
         further: Mapping[str, Any] | None = None,
     ):
         super().__init__()
@@ -92,7 +92,7 @@ class MovingJointsFilter(SampledBlock):
             [check("moment_walk", moment_walk, "positive"), check("force_walk", force_walk, "positive")], [torques, 3]
         )
         self._torques = torques
-        self._filter = MovingJoints(friction.coulomb[joints], gained, period=period, **trust)
+        self._filter = MovingJoints(friction.coulomb[joints], gained, period=period, **joint_options)
         self._taring = Taring(*tare, period)
         sizes = {"torque_balance": n, "joint_position": n, "joint_velocity": n, "reading_ok": n, "tare": 1}
         inputs = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
@@ -172,7 +172,7 @@ class WrenchFilter(MovingJointsFilter):
         tare_window: end and begin of the window of `Taring`, as times before now [s]; empty: none.
         tare_change: change of a force from the tare value, above which taring pauses [N], > 0.
         period: tick [s].
-        **trust: `noise`, `bias`, `bias_walk`, `slow`, `hold` and `trust` of `MovingJoints`.
+        **joint_options: `noise`, `bias`, `bias_walk`, `slow`, `hold` and `trust` of `MovingJoints`.
 
     Raises:
         BadInputError: a value out of range, friction of another number of joints, a frame of another plant.
@@ -199,7 +199,7 @@ class WrenchFilter(MovingJointsFilter):
         tare_window: Sequence[float] = (),
         tare_change: float = 0.5,
         period: float = 0.004,
-        **trust: float,
+        **joint_options: float,
     ):
         torques, k = 3 if moment else 0, len(friction.coulomb[joints])
         further = {
@@ -212,7 +212,7 @@ class WrenchFilter(MovingJointsFilter):
             "elsewhere": np.zeros(k),
         }
         walks, tare = (torques, moment_walk, force_walk), (tare_window, tare_change)
-        super().__init__(model, friction, joints, frame, expressed_in, walks, tare, period, trust, further)
+        super().__init__(model, friction, joints, frame, expressed_in, walks, tare, period, joint_options, further)
         self._pick = np.eye(k)[:, torques + 3 :]
         self.show("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere")
 

@@ -123,7 +123,7 @@ class GuardedMove(SampledBatch):
         }
         # Time without contact, time at rest or without force [s], stage of TOUCH, p [1], remaining distance to leave
         # [m].
-        own = ("searching", "waiting", "stage", "pace", "to_leave")
+        own = ("searching", "waiting", "stage", "speed_share", "to_leave")
         self.declare_memory(dict.fromkeys((*shown, *own), 0.0), inputs, period)
         self.show(*shown)
 
@@ -159,9 +159,11 @@ class GuardedMove(SampledBatch):
         away = m.minimum(to_leave, speed * period)
         moved = m.where(approach & began & (after == _TOUCH), speed * back, 0.0)
         comes, returns = (after == _APPROACH) & wanted, touch & (after == _TOUCH) & slowly
-        pace = m.where(comes | returns, m.minimum(memory["pace"] + period / m.maximum(rise_time, period), 1.0), 0.0)
-        moved = m.where(comes, -pace * speed * period, moved)
-        moved = m.where(returns, -pace * slow * period, moved)
+        speed_share = m.where(
+            comes | returns, m.minimum(memory["speed_share"] + period / m.maximum(rise_time, period), 1.0), 0.0
+        )
+        moved = m.where(comes, -speed_share * speed * period, moved)
+        moved = m.where(returns, -speed_share * slow * period, moved)
         moved = m.where(touch & (stage == _THERE) & (memory["stage"] == _SLOWLY), slow * back, moved)
         new = {
             "approach_displacement": x + moved + away,
@@ -170,7 +172,7 @@ class GuardedMove(SampledBatch):
             # A new stage or mode restarts the waiting; after contact loss the search for the surface begins at once.
             "waiting": m.where(began | (stage != memory["stage"]), 0.0, waiting),
             "stage": m.where(began, m.where(contact, _SLOWLY, _AWAY), stage),
-            "pace": pace,
+            "speed_share": speed_share,
             "to_leave": to_leave - away,
         }
         new = self.choose(good, new, memory)

@@ -71,10 +71,10 @@ class ForceChain:
         Args:
             stiffness: K of the contact [N/m].
         """
-        return _closed(self.once_around(stiffness), 1.0)
+        return _closed(self.open_loop(stiffness), 1.0)
 
-    def once_around(self, stiffness: float) -> StateSpace:
-        """The open loop, cut at the contact force: from it around to itself [1]; `stiffness`: see `poles`."""
+    def open_loop(self, stiffness: float) -> StateSpace:
+        """The open loop, cut at the contact force: from it through the loop to itself [1]; `stiffness`: see `poles`."""
         return self.pressing(stiffness) * self.law * self.sensor
 
     def spectral_radius(self, stiffness: float) -> float:
@@ -102,18 +102,18 @@ class ForceChain:
 
         Of a loop with a delay line of many ticks only `stable` is computed, else NaN: it would take a minute.
         """
-        around = self.once_around(stiffness)
-        if len(around.A) > _MOST_STATES:
+        loop = self.open_loop(stiffness)
+        if len(loop.A) > _MOST_STATES:
             return Margins(self.is_stable(stiffness), *[np.nan] * 5)
-        gain = _limit(lambda factor: bool(np.abs(_closed(around, factor)).max() < 1.0 - _MARGIN), 1.0)
+        gain = _limit(lambda factor: bool(np.abs(_closed(loop, factor)).max() < 1.0 - _MARGIN), 1.0)
         stable = gain >= 1.0
-        phase, delay, crossover = _crossing(around) if stable else (np.nan, np.nan, np.nan)
+        phase, delay, crossover = _crossing(loop) if stable else (np.nan, np.nan, np.nan)
         return Margins(stable, self.largest_stiffness(stiffness), gain, phase, delay, crossover)
 
 
-def _closed(around: StateSpace, factor: float) -> NDArray[np.complex128]:
+def _closed(loop: StateSpace, factor: float) -> NDArray[np.complex128]:
     """Poles of the closed loop with this factor of the loop gain."""
-    return np.linalg.eigvals(around.A + factor * around.B @ around.C)
+    return np.linalg.eigvals(loop.A + factor * loop.B @ loop.C)
 
 
 def _limit(stable: Callable[[float], bool], start: float) -> float:
@@ -135,13 +135,13 @@ def _limit(stable: Callable[[float], bool], start: float) -> float:
     return float(good)
 
 
-def _crossing(around: StateSpace) -> tuple[float, float, float]:
+def _crossing(loop: StateSpace) -> tuple[float, float, float]:
     """Phase margin [deg], delay margin [s] and the frequency of the delay margin [Hz] of a stable loop."""
-    period, eye = around.dt, np.eye(len(around.A))
+    period, eye = loop.dt, np.eye(len(loop.A))
 
     def response(frequency: float) -> complex:
         z = np.exp(1j * frequency * period)
-        return -complex((around.C @ np.linalg.solve(z * eye - around.A, around.B)).item())
+        return -complex((loop.C @ np.linalg.solve(z * eye - loop.A, loop.B)).item())
 
     frequencies = np.pi / period * np.logspace(np.log10(_LOWEST), 0, _POINTS)
     above = np.array([abs(response(each)) for each in frequencies]) > 1.0

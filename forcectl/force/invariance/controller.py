@@ -202,7 +202,7 @@ class InvarianceController(SampledBlock):
 
         self._outputs = tuple(outputs)
         # Displacement of the robot along -n under the forces of other surfaces.
-        self._given_way = sum(output.coupling * output.force for output in self._outputs)
+        self._coupled_displacement = sum(output.coupling * output.force for output in self._outputs)
         self._axes = np.vstack([np.append(np.zeros(3), model.n), *(output.row for output in outputs)])
         if not np.allclose(self._axes @ self._axes.T, np.eye(len(self._axes)), atol=1e-6):
             raise BadInputError("their axes must be perpendicular to the normal and to each other", key="outputs")
@@ -372,7 +372,7 @@ class InvarianceController(SampledBlock):
             state = ReferenceState(state.desired, 0.0, 0.0)
             return InvarianceTick(motion, rows, along, x, rate, state, in_sensor, None, None, False, (now, last))
         desired = min(desired, self._maximum_force)
-        depth, nominal = x[0] + self._given_way, None
+        depth, nominal = x[0] + self._coupled_displacement, None
         if self._nominal_gain is not None:
             # The acceleration of the integral law.
             nominal = (rates[0] - self._nominal_gain * (compliance * (measured - desired))) / Ts

@@ -150,20 +150,20 @@ class PredictiveCorrection(SampledBatch):
         change = where(touching, gain * error, minimum(maximum(gain * error, -search), 0.0))
         after = minimum(maximum(ahead + change, -most), most)
         # At its limit the height stays, so its rate is zero there.
-        learnt = where(touching, rate + rate_gain * error, minimum(rate, 0.0))
-        rate = where(good, where(abs(after) < most, learnt, 0.0), rate)
+        updated = where(touching, rate + rate_gain * error, minimum(rate, 0.0))
+        rate = where(good, where(abs(after) < most, updated, 0.0), rate)
         height = where(good, after, memory["height"])
         surface = where(good, minimum(maximum(height + lead * rate, -most), most), memory["surface_offset"])
         zone = where(abs(path - memory["path"]) > _RESTS, 0.0, zone * compliance)
-        left_alone = minimum(maximum(drive_error, -zone), zone)
-        owed = minimum(maximum(memory["drive_offset"] + drive_gain * (drive_error - left_alone), -most), most)
+        within_zone = minimum(maximum(drive_error, -zone), zone)
+        offset = minimum(maximum(memory["drive_offset"] + drive_gain * (drive_error - within_zone), -most), most)
         nominal = where(abs(nominal) < inf, nominal, memory["nominal"])
         plan = nominal + surface
         return {
-            "displacement_command": minimum(maximum(plan - owed, lower), upper),
+            "displacement_command": minimum(maximum(plan - offset, lower), upper),
             "planned_command": plan,
             "surface_offset": surface,
-            "drive_offset": owed,
+            "drive_offset": offset,
             "height": height,
             "rate": rate,
             "nominal": nominal,

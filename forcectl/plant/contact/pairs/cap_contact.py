@@ -180,10 +180,10 @@ def cap_wrench(config: CapOnMountConfig, feet: Array, rotation: Array, turning: 
     firm, overlap, n = config.foot_stiffness, height - feet[:, 2], len(feet)
     seat = 1.0 / (1.0 / config.stiffness - 1.0 / (n * firm))
     # The number of feet in contact is the one for which the seat deflects the most.
-    gives_way = max(0.0, float((np.cumsum(-np.sort(-overlap)) / (seat / firm + np.arange(1, n + 1))).max()))
-    pressing = firm * (overlap - gives_way) + config.damping * (rising - speed[:, 2]) / n
+    seat_deflection = max(0.0, float((np.cumsum(-np.sort(-overlap)) / (seat / firm + np.arange(1, n + 1))).max()))
+    pressing = firm * (overlap - seat_deflection) + config.damping * (rising - speed[:, 2]) / n
     forces = np.zeros((n, 3))
-    forces[:, 2] = np.where(overlap > gives_way, np.maximum(pressing, 0.0), 0.0)
+    forces[:, 2] = np.where(overlap > seat_deflection, np.maximum(pressing, 0.0), 0.0)
     if not forces.any():
         return np.zeros(6)
     slip = speed[:, :2]
