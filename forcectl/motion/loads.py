@@ -146,13 +146,13 @@ class _CheckedLoad:
 
     def wrench(self, time: float) -> Array:
         """The wrench of the load, shape (6,) [Nm, N]; RunFailedError where it is not six finite numbers."""
-        told = self.load.wrench(time)
+        returned = self.load.wrench(time)
         try:
-            wrench = np.asarray(told, dtype=float)
+            wrench = np.asarray(returned, dtype=float)
         except (TypeError, ValueError):
             wrench = np.empty(0)
         if wrench.shape != (6,) or not np.isfinite(wrench).all():
-            raise RunFailedError(f"{self.key}: wrench(time) must return six finite numbers, not {show(told)}")
+            raise RunFailedError(f"{self.key}: wrench(time) must return six finite numbers, not {show(returned)}")
         return wrench
 
 

@@ -141,10 +141,10 @@ class TangentialMotionConfig(LineConfig, in_batches=True):
 
     def beyond(self, duration: float) -> dict[str, str]:
         """Keys with values of which a run of this duration [s] reaches less than half, and why."""
-        way = self.distance_after(duration)
-        if way >= 0.5 * self.distance:
+        distance = self.distance_after(duration)
+        if distance >= 0.5 * self.distance:
             return {}
-        return {f"distance = {self.distance:g}": f"the tool goes {way:.3g} m in the run, of {duration:g} s"}
+        return {f"distance = {self.distance:g}": f"the tool goes {distance:.3g} m in the run, of {duration:g} s"}
 
     def distance_after(self, time: float) -> float:
         """Distance of the tool along the path at a time [m].

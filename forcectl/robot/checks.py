@@ -58,7 +58,7 @@ def about_file(kind: Any, path: Path) -> Iterator[None]:
         raise
 
 
-def sort_doubts(
+def sort_conditional_faults(
     plant: MultibodyPlant, instance: ModelInstanceIndex, model: ModelFile, parameters: ControlParameters
 ) -> tuple[list[str], list[str]]:
     """Messages about wrong numbers of a robot's model that have an effect in the plant, and about those that have none.
@@ -71,21 +71,21 @@ def sort_doubts(
     """
     rigid = {body.index() for body in plant.GetBodiesWeldedTo(plant.world_body())}
     wrong, passed = list[str](), list[str]()
-    for doubt in model.doubts:
-        key = doubt.key if doubt.joint in parameters.arm_joints else ""
-        if doubt.joint and not plant.HasJointNamed(doubt.joint, instance):
-            passed.append(f"{doubt.text}; let be, for the joint is held")
-        elif doubt.link and plant.GetBodyByName(doubt.link, instance).index() in rigid:
-            passed.append(f"{doubt.text}; let be, for the link does not move")
+    for fault in model.conditional_faults:
+        key = fault.key if fault.joint in parameters.arm_joints else ""
+        if fault.joint and not plant.HasJointNamed(fault.joint, instance):
+            passed.append(f"{fault.text}; accepted, as the joint is held")
+        elif fault.link and plant.GetBodyByName(fault.link, instance).index() in rigid:
+            passed.append(f"{fault.text}; accepted, as the link does not move")
         elif key and len(getattr(parameters, key)):
-            passed.append(f"{doubt.text}; let be, for {key} is given")
+            passed.append(f"{fault.text}; accepted, as {key} is given")
         else:
             instead = f", or {key} given" if key else ""
-            wrong.append(f"{model.path.name}: cannot be used: {doubt.text}{instead}")
+            wrong.append(f"{model.path.name}: cannot be used: {fault.text}{instead}")
     return wrong, passed
 
 
-def check_way(plant: MultibodyPlant, joints: Sequence[Joint], flange: Frame) -> None:
+def check_joints_move_flange(plant: MultibodyPlant, joints: Sequence[Joint], flange: Frame) -> None:
     """BadInputError unless every joint of an arm moves its flange."""
     above = {joint.child_body().index(): joint for joint in map(plant.get_joint, plant.GetJointIndices())}
     body, passed = flange.body().index(), set()

@@ -140,12 +140,12 @@ def enclosure(points: Array) -> Enclosure:
     own[:, 0] *= np.sign(np.linalg.det(own)) or 1.0
     found: list[tuple[float, Enclosure]] = []
     for R in (np.eye(3), own):
-        seen = points @ R
-        low, high = seen.min(axis=0), seen.max(axis=0)
+        rotated = points @ R
+        low, high = rotated.min(axis=0), rotated.max(axis=0)
         half, middle = np.maximum(0.5 * (high - low), 0.5 * _THINNEST), 0.5 * (low + high)
         found.append((8.0 * float(np.prod(half)), Enclosure(RigidTransform(RotationMatrix(R), R @ middle), half, 0.0)))
         for turn in (np.eye(3), np.eye(3)[:, [1, 2, 0]], np.eye(3)[:, [2, 0, 1]]):
-            found.append(_capsule(R @ turn, (seen - middle) @ turn, R @ middle))
+            found.append(_capsule(R @ turn, (rotated - middle) @ turn, R @ middle))
     return min(found, key=lambda each: each[0])[1]
 
 

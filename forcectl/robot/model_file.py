@@ -20,7 +20,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 
 from forcectl.errors import BadInputError, unknown
 from forcectl.models import add_packages
-from forcectl.robot.ranges import Doubt
+from forcectl.robot.ranges import ConditionalFault
 from forcectl.robot.sdf import wrong_sdf
 from forcectl.robot.urdf import Urdf, read_urdf
 
@@ -34,7 +34,7 @@ class ModelFile:
         name: of the model.
         bodies: names of its bodies.
         urdf: content of a URDF file; empty for others.
-        doubts: errors that matter only where their joint or link moves.
+        conditional_faults: errors that matter only where their joint or link moves.
         remarks: warnings of Drake, each once.
     """
 
@@ -42,7 +42,7 @@ class ModelFile:
     name: str
     bodies: tuple[str, ...]
     urdf: Urdf
-    doubts: tuple[Doubt, ...]
+    conditional_faults: tuple[ConditionalFault, ...]
     remarks: tuple[str, ...]
 
     @classmethod
@@ -51,7 +51,7 @@ class ModelFile:
 
         Args:
             path: of the file.
-            everything: whether doubts are errors, too; otherwise the caller handles `doubts`.
+            everything: whether conditional faults are errors, too; otherwise the caller handles them.
 
         Raises:
             BadInputError: it cannot be used.
@@ -60,11 +60,11 @@ class ModelFile:
             raise BadInputError(f"model = {path.name!r}: there is no such file in folder {str(path.parent)!r}")
         suffix = path.suffix.lower()
         urdf = read_urdf(path) if suffix == ".urdf" else Urdf()
-        problems, doubts = wrong_sdf(path) if suffix == ".sdf" else (urdf.problems, urdf.doubts)
-        if problems := [*problems, *(each.text for each in doubts if everything)]:
+        problems, conditional_faults = wrong_sdf(path) if suffix == ".sdf" else (urdf.problems, urdf.conditional_faults)
+        if problems := [*problems, *(each.text for each in conditional_faults if everything)]:
             raise BadInputError(f"{path.name}: cannot be read: {'; '.join(problems)}")
         name, bodies, remarks = _only_model(path, urdf)
-        return cls(path, name, bodies, urdf, tuple(doubts), remarks)
+        return cls(path, name, bodies, urdf, tuple(conditional_faults), remarks)
 
 
 @lru_cache(maxsize=64)

@@ -28,13 +28,13 @@ from forcectl.robot.assumptions import completed
 from forcectl.robot.checks import (
     about_file,
     check_drives,
+    check_joints_move_flange,
     check_lists,
     check_moved_mass,
     check_range,
     check_tool_mass,
-    check_way,
     check_weight,
-    sort_doubts,
+    sort_conditional_faults,
 )
 from forcectl.robot.model_file import ModelFile, all_bodies, parse_models, some_bodies
 from forcectl.robot.parameters import (
@@ -69,8 +69,8 @@ class RobotParts:
     """A robot and its tools as they are in a plant.
 
     Joints and actuators are those of all arms, in the order of the parameters. `arms` has at least one entry.
-    `missing_shapes` are collision shapes of the models without a substitute, see `forcectl.robot.urdf`; `let_be` are
-    wrong numbers of the robot's model that have no effect here, see `sort_doubts`.
+    `missing_shapes` are collision shapes of the models without a substitute, see `forcectl.robot.urdf`;
+    `accepted_faults` are wrong numbers of the robot's model that have no effect here, see `sort_conditional_faults`.
     """
 
     parameters: ControlParameters
@@ -79,7 +79,7 @@ class RobotParts:
     actuators: tuple[JointActuator, ...]
     arms: dict[str, ArmParts]
     missing_shapes: tuple[str, ...] = ()
-    let_be: tuple[str, ...] = ()
+    accepted_faults: tuple[str, ...] = ()
 
     def require_shapes(self) -> None:
         """Refuse models some of whose collision shapes are missing.
@@ -177,7 +177,7 @@ def add_robot_with(
     _fix_base(plant, parameters.base_frame, instance, X_WB)
     followers = _mimics(plant, whole.urdf.joints, parameters, instance)
     _hold(plant, parameters.held_joints | followers, instance)
-    wrong, let_be = sort_doubts(plant, instance, whole, parameters)
+    wrong, accepted_faults = sort_conditional_faults(plant, instance, whole, parameters)
     if wrong and refused is None:
         raise BadInputError("; ".join(wrong))
     refused = [] if refused is None else refused
@@ -194,7 +194,7 @@ def add_robot_with(
     for name, one in arms.items():
         mine, flange = slice(first, first + len(one.joints)), _flange(plant, one, name, instance)
         parts[name] = ArmParts(name, mine, flange, tcp_frame=flange)
-        check_way(plant, joints[mine], flange)
+        check_joints_move_flange(plant, joints[mine], flange)
         if name in tools:
             tool_parameters, called = tools[name]
             with about_file(ToolParameters, parameter_file(tool_folder(tool_of[name]), TOOL_PARAMETERS)):
@@ -203,7 +203,7 @@ def add_robot_with(
     for joint in () if refused else joints:
         check_moved_mass(plant, joint, parameters.model)
     missing_shapes = tuple(text for model in models.values() for text in model.urdf.missing_shapes)
-    return RobotParts(parameters, instance, joints, actuators, parts, missing_shapes, tuple(let_be))
+    return RobotParts(parameters, instance, joints, actuators, parts, missing_shapes, tuple(accepted_faults))
 
 
 def _tool_of_each(tool: Tool | Mapping[str, Tool], arms: Iterable[str]) -> dict[str, str | Path]:

@@ -32,7 +32,7 @@ NEGATIVE = -1e-12  # [kg m2] moments of inertia below this are negative by more 
 
 
 @dataclass(frozen=True)
-class Doubt:
+class ConditionalFault:
     """An implausible number that Drake accepts, and that matters only where a joint or link moves.
 
     Attributes:

@@ -13,7 +13,7 @@ from forcectl.robot.ranges import (
     NUMBERS,
     POSITION,
     TURN,
-    Doubt,
+    ConditionalFault,
     NumberRange,
     inertia_matrix,
     is_axis,
@@ -39,8 +39,8 @@ _ONCE = {
 }
 
 
-def wrong_sdf(path: Path) -> tuple[list[str], list[Doubt]]:
-    """Messages about wrong numbers of an SDF file, and doubts, which matter only where something moves.
+def wrong_sdf(path: Path) -> tuple[list[str], list[ConditionalFault]]:
+    """Messages about wrong numbers of an SDF file, and conditional faults, which matter only where something moves.
 
     Files that it includes are not checked.
     """
@@ -51,14 +51,14 @@ def wrong_sdf(path: Path) -> tuple[list[str], list[Doubt]]:
         return [str(error.strerror)], []
     except expat.ExpatError as error:
         return [f"not valid XML: {error}"], []
-    wrong, doubts = [*_wrong_counts(root), *_wrong_texts(root)], list[Doubt]()
+    wrong, conditional_faults = [*_wrong_counts(root), *_wrong_texts(root)], list[ConditionalFault]()
     if not wrong:
         for element, text, about in (*_wrong_links(root), *_wrong_joints(root)):
             if about:
-                doubts.append(Doubt(f"line {lines[id(element)]}: {text}", **about))
+                conditional_faults.append(ConditionalFault(f"line {lines[id(element)]}: {text}", **about))
             else:
                 wrong.append((element, text))
-    return [f"line {lines[id(element)]}: {text}" for element, text in wrong], doubts
+    return [f"line {lines[id(element)]}: {text}" for element, text in wrong], conditional_faults
 
 
 def _wrong_counts(root: Element) -> Iterator[tuple[Element, str]]:
@@ -101,10 +101,11 @@ def _wrong_pose(pose: Element, text: str, far: bool) -> str:
     return "" if right else f"{position.words()} and then {turn.words()}"
 
 
-Told = tuple[Element, str, dict[str, str]]  # element, message, and fields of a `Doubt`, empty for an error
+# Element, message, and fields of a `ConditionalFault`, empty for an error.
+_Fault = tuple[Element, str, dict[str, str]]
 
 
-def _wrong_links(root: Element) -> Iterator[Told]:
+def _wrong_links(root: Element) -> Iterator[_Fault]:
     moving = [joint for joint in root.iter("joint") if joint.get("type") != "fixed"]
     moved = {(joint.findtext("child") or "").strip().rpartition("::")[2] for joint in moving}
     for link in root.iter("link"):
@@ -121,7 +122,7 @@ def _wrong_links(root: Element) -> Iterator[Told]:
                 yield inertial, f"link {name!r}: {text}", {} if still else {"link": name}
 
 
-def _wrong_joints(root: Element) -> Iterator[Told]:
+def _wrong_joints(root: Element) -> Iterator[_Fault]:
     for joint in root.iter("joint"):
         axis = joint.find("axis")
         if axis is None:

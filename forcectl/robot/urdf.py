@@ -35,7 +35,7 @@ from forcectl.robot.ranges import (
     LIMITS,
     NEGATIVE,
     NUMBERS,
-    Doubt,
+    ConditionalFault,
     inertia_matrix,
     is_axis,
     numbers_in,
@@ -81,7 +81,7 @@ class Urdf:
         text: corrected text, to parse in place of the file; "" where the file can be parsed itself.
         joints: those that move, by name.
         problems: errors that make the file unusable.
-        doubts: errors that matter only where their joint or link moves.
+        conditional_faults: errors that matter only where their joint or link moves.
         notes: what was replaced or left out.
         missing_shapes: collision shapes that were left out without a substitute.
     """
@@ -89,7 +89,7 @@ class Urdf:
     text: str = ""
     joints: dict[str, UrdfJoint] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
-    doubts: list[Doubt] = field(default_factory=list)
+    conditional_faults: list[ConditionalFault] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     missing_shapes: list[str] = field(default_factory=list)
 
@@ -151,8 +151,9 @@ class _Rewriting:
     def _problem(self, element: Element, text: str) -> None:
         self._found.problems.append(f"line {self._lines[id(element)]}: {text}")
 
-    def _doubt(self, element: Element, text: str, joint: str = "", link: str = "", key: str = "") -> None:
-        self._found.doubts.append(Doubt(f"line {self._lines[id(element)]}: {text}", joint, link, key))
+    def _fault(self, element: Element, text: str, joint: str = "", link: str = "", key: str = "") -> None:
+        line = f"line {self._lines[id(element)]}"
+        self._found.conditional_faults.append(ConditionalFault(f"{line}: {text}", joint, link, key))
 
     def _remove(self, parent: Element, child: Element) -> None:
         parent.remove(child)
@@ -213,7 +214,7 @@ class _Rewriting:
             if wrong:  # a held finger may have no mass: it is then fixed to the hand
                 empty = moved and (mass == 0 or not moments.any())
                 about = {"joint": self._moved[name]} if empty else {"link": name}
-                self._doubt(link, f"link {name!r}: {wrong}", **about)
+                self._fault(link, f"link {name!r}: {wrong}", **about)
             if mass == 0:
                 self._remove(link, inertial)
                 if moments.any():
@@ -296,7 +297,7 @@ class _Rewriting:
             return
         axis, limit = joint.find("axis"), joint.find("limit")
         if limit is None and kind != "continuous" and mimic is None:
-            self._doubt(joint, f"joint {name!r} has no <limit>: must have one, or be of type continuous", name)
+            self._fault(joint, f"joint {name!r} has no <limit>: must have one, or be of type continuous", name)
         if axis is not None and not is_axis(numbers_in(axis.get("xyz", "1 0 0")) or [1.0]):
             self._problem(joint, f"joint {name!r}: axis is zero: must be a direction")
         values = {each: float(limit.get(each, "0")) for each in LIMITS} if limit is not None else {}
@@ -310,20 +311,20 @@ class _Rewriting:
                 self._found.notes.append(f"joint {name}: {each} = 0: counts as not known")
         counting = values if kind != "continuous" else {each: values[each] for each in ("effort", "velocity") if values}
         for text, key in wrong_limits(counting, turns=kind != "prismatic"):
-            self._doubt(joint, f"joint {name!r}: {text}", name, key=key)
+            self._fault(joint, f"joint {name!r}: {text}", name, key=key)
         dynamics = joint.find("dynamics")
         friction = (
             {each: float(dynamics.get(each, "0")) for each in NUMBERS["dynamics"]} if dynamics is not None else {}
         )
         for text in wrong_friction(friction):
-            self._doubt(joint, f"joint {name!r}: {text}", name)
+            self._fault(joint, f"joint {name!r}: {text}", name)
         if any(friction.values()) and dynamics is not None:
             self._remove(joint, dynamics)
         mimics = None
         if mimic is not None:
             mimics = (mimic.get("joint", ""), float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0")))
             if mimics[0] not in {each.get("name") for each in self._root.findall("joint")}:
-                self._doubt(joint, f"joint {name!r}: mimics {mimics[0]!r}: there is no such joint", name)
+                self._fault(joint, f"joint {name!r}: mimics {mimics[0]!r}: there is no such joint", name)
                 mimics = None
         # Zero means "not known" in public models: taken literally, no joint could move.
         effort, velocity = (values.get(each, 0.0) or math.inf for each in ("effort", "velocity"))

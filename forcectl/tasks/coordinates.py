@@ -116,7 +116,7 @@ class ArmTask:
         tip = motion.arm(self.arm)
         return tip if self.frame is None else self.frame.motion(tip)
 
-    def felt(
+    def external_wrench(
         self, tips: Mapping[str, TipPose], wrenches: Mapping[str, Vector], *, of_both: bool = True
     ) -> tuple[Vector, Vector]:
         """The external wrench on the arm at the origin of the task frame.
@@ -142,7 +142,7 @@ class ArmTask:
         the forces are the torques about the rotation axes of the angles, although the rates are damped there.
 
         Args:
-            rotation, wrench: see `felt`.
+            rotation, wrench: see `external_wrench`.
         """
         along = wrench[3:]
         if self.orientation is not None:

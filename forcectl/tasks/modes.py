@@ -58,7 +58,7 @@ class BuiltMode(NamedTuple):
     active: Mask | None
     criterion_start: Vector
 
-    def asked(self, wanted: Vector, own: Vector | float) -> Vector:
+    def where_followed(self, wanted: Vector, own: Vector | float) -> Vector:
         """`wanted` for coordinates that are followed, `own` for the others, (k,)."""
         return wanted if self.active is None else np.where(self.active, wanted, own)
 

@@ -54,13 +54,13 @@ class TaskProgress:
             target: (k,).
             value, rate: of the coordinates (k,).
         """
-        apart = largest(np.abs((value - target) * self._scale))
-        if apart != apart:
+        distance = largest(np.abs((value - target) * self._scale))
+        if distance != distance:
             return past
         if not smallest(target == past.target):
             past = Progress(target, np.inf, 0.0, 0.0, 0.0)
         speed = largest(np.abs(rate * self._scale))
-        reached = apart <= 1.0 and speed <= _SLOW
-        nearer = apart < _NEARER * past.nearest
-        nearest, ticks = (apart, 0.0) if nearer else (past.nearest, past.ticks + 1.0)
+        reached = distance <= 1.0 and speed <= _SLOW
+        nearer = distance < _NEARER * past.nearest
+        nearest, ticks = (distance, 0.0) if nearer else (past.nearest, past.ticks + 1.0)
         return Progress(target, nearest, ticks, float(reached), float(not reached and ticks > self._patience))

@@ -245,9 +245,11 @@ class ReactiveController(SampledBlock):
         if self._has_modes:
             measured.append(self.DeclareVectorInputPort("mode", 1))
         programs = [mode.program for mode in self._modes]
-        sizes = [(mode.constraints.foreseen_size, mode.program.size, len(mode.criterion_start)) for mode in self._modes]
+        sizes = [
+            (mode.constraints.num_predicted_rates, mode.program.size, len(mode.criterion_start)) for mode in self._modes
+        ]
         self._sizes = np.max(sizes, axis=0).tolist()  # of memories that modes share, each as long as the longest
-        foreseen, costs, criterion = self._sizes
+        predicted, costs, criterion = self._sizes
         self.port_components = {"reading_ok": "n", **cost_components([each.size for each in programs])}
         memory = {
             "joint_position_command": start,
@@ -255,7 +257,7 @@ class ReactiveController(SampledBlock):
             "joint_acceleration": np.zeros(n),
             "mode": 0.0,
             "coordinates": task_start,  # predicted for this tick
-            "foreseen": np.zeros(foreseen),
+            "predicted_rates": np.zeros(predicted),
             **Readings(np.full(n, np.nan), start, np.ones(n), 0.0)._asdict(),
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
             **Progress(np.full(k, np.nan), np.inf, 0.0, 0.0, 0.0)._asdict(),
@@ -311,21 +313,23 @@ class ReactiveController(SampledBlock):
         rate = state.rate + Ts * a
         x = state.value + 0.5 * Ts * (state.rate + rate)
         # Coordinates that are not followed have no error.
-        position, velocity = mode.asked(position, x), mode.asked(velocity, rate)
-        acceleration = mode.asked(inputs.get("task_acceleration_reference", a), a)
+        position, velocity = mode.where_followed(position, x), mode.where_followed(velocity, rate)
+        acceleration = mode.where_followed(inputs.get("task_acceleration_reference", a), a)
         led, missed, costs = (x, rate, a), 0.0, np.zeros(0)
         if posed is not None and found.levels > 0:
             error = x - position
             missed = largest(np.abs(error) / self._tolerance)
             costs = np.array([*mode.program.costs(error, rate - velocity), mode.program.criterion(posed, u)])
-            ahead = None if target is None else mode.asked(target, x)
+            ahead = None if target is None else mode.where_followed(target, x)
             led = self._reference_reset.start(led, (position, velocity, acceleration), ahead)
         progress = Progress(*(memory[name] for name in Progress._fields))
         if switched:
             progress = Progress(np.full(self._size, np.nan), np.inf, 0.0, 0.0, 0.0)
         if target is not None:
-            progress = self._progress.look(progress, target, mode.asked(x, target), mode.asked(rate, 0.0))
-        foreseen, levels, criterion = self._sizes
+            progress = self._progress.look(
+                progress, target, mode.where_followed(x, target), mode.where_followed(rate, 0.0)
+            )
+        predicted, levels, criterion = self._sizes
         violation = max(rows.violation, found.beyond)
         after = v + Ts * u
         return {
@@ -342,7 +346,7 @@ class ReactiveController(SampledBlock):
             "joint_acceleration": u,
             "mode": float(number),
             "coordinates": x,
-            "foreseen": longer(mode.constraints.foresee(rows, u), foreseen),
+            "predicted_rates": longer(mode.constraints.predict_rates(rows, u), predicted),
             **readings._asdict(),
             **progress._asdict(),
             "stage_costs": longer(costs, levels),
@@ -361,20 +365,20 @@ class ReactiveController(SampledBlock):
             motion.forces = dict(zip(self._bands, inputs["measured_force"].tolist(), strict=True))
         state = gathered(self.tasks, motion, memory["coordinates"])
         number = before = int(memory["mode"])
-        asked = inputs["mode"].item() if self._has_modes else 0
-        good = not stops and asked in range(len(self._modes))
+        requested = inputs["mode"].item() if self._has_modes else 0
+        good = not stops and requested in range(len(self._modes))
         if good:
-            references = [self._modes[int(asked)].asked(each, 0.0) for each in (position, velocity)]
+            references = [self._modes[int(requested)].where_followed(each, 0.0) for each in (position, velocity)]
             # False where a number is NaN.
             good = all(largest(np.abs(each)) < _MAX_REFERENCE for each in references)
         if good:  # else the joints brake in the mode of the tick before
-            number = int(asked)
+            number = int(requested)
         mode, switched = self._modes[number], number != before
-        foreseen = memory["foreseen"][: mode.constraints.foreseen_size]
+        predicted_rates = memory["predicted_rates"][: mode.constraints.num_predicted_rates]
         criterion = memory["criterion"][: len(mode.criterion_start)]
         if switched:  # predictions of the tick before are of other rows
-            foreseen, criterion = np.full_like(foreseen, np.nan), mode.criterion_start
-        rows = mode.constraints.rows(motion, foreseen)
+            predicted_rates, criterion = np.full_like(predicted_rates, np.nan), mode.criterion_start
+        rows = mode.constraints.rows(motion, predicted_rates)
         posed = None
         if good:
             last = memory["joint_acceleration"]

@@ -56,25 +56,25 @@ class ReferenceReset:
             target: of the coordinates (k,); None: unknown.
         """
         scale, (position, velocity, acceleration) = self._scale, reference
-        way, rate = scale * (position - motion[0]), scale * (velocity - motion[1])
+        deviation, rate = scale * (position - motion[0]), scale * (velocity - motion[1])
         # The usual case: all tasks together are within the limits.
-        if way @ way <= _NEAR**2 and rate @ rate <= (RATE * _NEAR) ** 2:
+        if deviation @ deviation <= _NEAR**2 and rate @ rate <= (RATE * _NEAR) ** 2:
             return reference
-        apart = np.sqrt(self._sum(way * way))
+        distance = np.sqrt(self._sum(deviation * deviation))
         # |d| times the speed along n, and its limit.
-        leaving, allowed = self._sum(way * rate), RATE * apart * (LENGTH - apart)
+        leaving, allowed = self._sum(deviation * rate), RATE * distance * (LENGTH - distance)
         # False where a number is NaN.
-        if largest(apart) <= _NEAR and largest(leaving - allowed) <= 0.0:
+        if largest(distance) <= _NEAR and largest(leaving - allowed) <= 0.0:
             return reference
-        apart = np.maximum(apart, _TINY)
-        share = self._each(np.minimum(LENGTH / apart, 1.0))
-        outward = way / (scale * self._each(apart))
-        beyond = np.maximum(leaving / apart - RATE * np.maximum(LENGTH - apart, 0.0), 0.0)
-        gaining = np.where(beyond > 0.0, np.maximum(self._sum(way * scale * acceleration) / apart, 0.0), 0.0)
+        distance = np.maximum(distance, _TINY)
+        share = self._each(np.minimum(LENGTH / distance, 1.0))
+        outward = deviation / (scale * self._each(distance))
+        beyond = np.maximum(leaving / distance - RATE * np.maximum(LENGTH - distance, 0.0), 0.0)
+        gaining = np.where(beyond > 0.0, np.maximum(self._sum(deviation * scale * acceleration) / distance, 0.0), 0.0)
         position = motion[0] + share * (position - motion[0])
         velocity = velocity - self._each(beyond) * outward
         acceleration = acceleration - self._each(gaining) * outward
-        blocked = self._each(self._share * np.minimum(np.maximum(2.0 * apart / LENGTH - 1.0, 0.0), 1.0))
+        blocked = self._each(self._share * np.minimum(np.maximum(2.0 * distance / LENGTH - 1.0, 0.0), 1.0))
         ahead, onward = self._ahead(motion, target)
         return (
             position + blocked * (ahead - position),
@@ -85,12 +85,14 @@ class ReferenceReset:
     def _ahead(self, motion: Motion, target: Vector | None) -> tuple[Vector, Vector]:
         """The point L ahead of the motion towards the target, and the speed of the motion in that direction."""
         x, rate, _ = motion
-        way = np.zeros_like(x) if target is None else target - x
-        left = np.sqrt(self._sum((self._scale * way) ** 2))
+        displacement = np.zeros_like(x) if target is None else target - x
+        left = np.sqrt(self._sum((self._scale * displacement) ** 2))
         unknown = self._each(~np.isfinite(left))  # of tasks whose target is not finite
-        way, left = np.where(unknown, 0.0, way), np.where(np.isfinite(left), np.maximum(left, _TINY), _TINY)
-        onward = np.maximum(self._sum(self._scale**2 * way * rate) / left**2, 0.0)
-        return x + self._each(np.minimum(LENGTH / left, 1.0)) * way, np.where(unknown, rate, self._each(onward) * way)
+        displacement = np.where(unknown, 0.0, displacement)
+        left = np.where(np.isfinite(left), np.maximum(left, _TINY), _TINY)
+        onward = np.maximum(self._sum(self._scale**2 * displacement * rate) / left**2, 0.0)
+        ahead = x + self._each(np.minimum(LENGTH / left, 1.0)) * displacement
+        return ahead, np.where(unknown, rate, self._each(onward) * displacement)
 
     def _sum(self, values: Vector) -> Vector:
         """Sums over the coordinates of each task."""

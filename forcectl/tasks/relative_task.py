@@ -113,19 +113,19 @@ class RelativeTask(ArmTask):
             leader = self.leader_frame.motion(leader)
         return RelativeMotion(leader, super().tool(motion))
 
-    def felt(
+    def external_wrench(
         self, tips: Mapping[str, TipPose], wrenches: Mapping[str, Array], *, of_both: bool = True
     ) -> tuple[Array, Array]:
         """The wrench on the follower, in the axes of the leader's frame, see `ArmTask`."""
-        rotation, wrench = super().felt(tips, wrenches)
+        rotation, wrench = super().external_wrench(tips, wrenches)
         tip = tips[self.leader]
         back = (tip if self.leader_frame is None else self.leader_frame.pose(tip)).rotation.T
         if of_both:
             follower = tips[self.arm]
-            way = follower.position - tip.position
+            offset = follower.position - tip.position
             if self.frame is not None:
-                way = way + follower.rotation @ self.frame.position
-            wrench = opposite_mean(moved_wrench(wrenches[self.leader], way), wrench)
+                offset = offset + follower.rotation @ self.frame.position
+            wrench = opposite_mean(moved_wrench(wrenches[self.leader], offset), wrench)
         return back @ rotation, np.concatenate([back @ wrench[:3], back @ wrench[3:]])
 
 

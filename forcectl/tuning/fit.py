@@ -16,7 +16,7 @@ from forcectl.tuning.reference_model import ReferenceModel
 OUT_OF_REACH = 0.1  # mismatch above which the reference model is out of reach, model error above which none is trusted
 _BETTERED = 1.25  # times the smallest mismatch: above that, too, the reference model counts as out of reach
 _NONE = 1e-4  # a mismatch that counts as zero
-_SEEN = 0.01  # a mismatch above which better gains are worth a warning
+_NOTABLE = 0.01  # a mismatch above which better gains are worth a warning
 _NOISE_SHARE = 0.1  # share of noise in the independent part of a regressor above which its gain is not identifiable
 _NOISE_OF_ONE = 4.0  # largest noise of one sample, in units of its rms
 _STANDARD_ERRORS = 3.0  # a gain that is within so many of zero is not identifiable either
@@ -139,7 +139,7 @@ def warnings(fit: VrftFit, y: Array) -> Iterator[str]:
             f"reference model out of reach: the loop is expected to miss it by {100 * fit.expected_mismatch:.0f} % "
             f"({source}); choose a slower model, or one with the delay of the plant"
         )
-    elif fit.out_of_reach and fit.best_mismatch is not None and fit.model_mismatch > _SEEN:
+    elif fit.out_of_reach and fit.best_mismatch is not None and fit.model_mismatch > _NOTABLE:
         yield (
             f"other gains come nearer to the reference model: these are expected to miss it by "
             f"{100 * fit.model_mismatch:.2g} %, refined ones by {100 * fit.best_mismatch:.2g} %"

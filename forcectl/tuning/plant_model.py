@@ -116,16 +116,16 @@ class _Found:
 def _searched(u: Array, y: Array, order: int) -> _Found:
     """The best of the candidate delays and their neighbours, roughly."""
     first = slice(0, _SEARCH if np.any(u[1:_SEARCH] != u[0]) else None)
-    part, told = u[first], y[first]
-    every = max(part.size // _SEARCH_ROWS, 1)
+    inputs, outputs = u[first], y[first]
+    every = max(inputs.size // _SEARCH_ROWS, 1)
 
     def at(delay: int) -> _Found:
-        return _steiglitz_mcbride(part, told, order, delay, _SEARCHES, every)
+        return _steiglitz_mcbride(inputs, outputs, order, delay, _SEARCHES, every)
 
-    best = min((at(d) for d in _DELAYS if d == 1 or d < part.size // 10), key=lambda found: found.misfit)
+    best = min((at(d) for d in _DELAYS if d == 1 or d < inputs.size // 10), key=lambda found: found.misfit)
     reach = max(best.delay // 4, 1)
     while reach:
-        near = [at(d) for d in (best.delay - reach, best.delay + reach) if 1 <= d < part.size // 2]
+        near = [at(d) for d in (best.delay - reach, best.delay + reach) if 1 <= d < inputs.size // 2]
         nearest = min([best, *near], key=lambda found: found.misfit)
         if nearest is best:
             reach //= 2

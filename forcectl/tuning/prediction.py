@@ -33,7 +33,7 @@ _FADED = 1e-3  # share of its largest value to which the pulse response of C^-1 
 _NOISE = 0.5  # correlation of neighbouring residuals below which they are taken for noise
 _AS_GOOD = 3.0  # a model may be chosen if its error is within this factor of the smallest
 _SOUND, _SIMPLE = 0.1, 2  # largest model error and order of a model preferred where residuals are not noise
-_BEYOND_DOUBT = 100.0  # factor of unexplained output power by which a model must be better to be chosen regardless
+_FAR_BETTER = 100.0  # factor of unexplained output power by which a model must be better to be chosen regardless
 _MOST_POLES = 300  # most poles of a loop that are computed
 _ROUNDS = 40  # number of loop delays in which a pulse must decay
 _LONGEST_INVERSE = 200  # most coefficients of a C that is inverted
@@ -138,7 +138,7 @@ class RecordCheck:
             return virtual - delayed(self._y, self._model.delay)
         return self._y - self._model.response(self._y)
 
-    def believed(self, plants: Sequence[IdentifiedPlant], gains: ArrayLike) -> IdentifiedPlant:
+    def chosen(self, plants: Sequence[IdentifiedPlant], gains: ArrayLike) -> IdentifiedPlant:
         """The plant model used for the prediction, out of those whose model error is near the smallest.
 
         It is that of the most likely order where its residuals are noise. Residuals that are not noise come from a
@@ -151,7 +151,7 @@ class RecordCheck:
         likely = _likeliest(plant for plant, _ in good)
         # A model whose loop is unstable has no finite error; it is taken if it fits the record far better.
         other = _likeliest(plants)
-        if other is not likely and _BEYOND_DOUBT * (1 - other.explained) < 1 - likely.explained:
+        if other is not likely and _FAR_BETTER * (1 - other.explained) < 1 - likely.explained:
             return other
         residual = self._y - likely.response(self._u)
         noise = float(residual[1:] @ residual[:-1]) <= _NOISE * float(residual @ residual)

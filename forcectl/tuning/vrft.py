@@ -80,7 +80,7 @@ def fit_vrft(
         u, y, of_phi[:-1], lambda noise: _regressors(_filtered(u, noise, model, prefilter)[0], basis)
     )
     check = RecordCheck(u, y, model, basis)
-    plant = check.believed(identify_plants(u, y, basis.period), gains)
+    plant = check.chosen(identify_plants(u, y, basis.period), gains)
     slow = _HORIZON * max(model.time_constant, model.lag) / model.period + 10 * model.delay
     slow += _PLANT_HORIZON * plant.rise_samples(_LONGEST_HORIZON)
     horizon = int(min(slow + 100, _LONGEST_HORIZON))

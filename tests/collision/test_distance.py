@@ -84,7 +84,7 @@ def at(constraint: LinkDistance, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarr
 @settings(max_examples=60)
 @given(st.integers(0, 10**6), st.booleans())
 def test_rows_are_the_derivatives_of_the_distance(seed: int, with_obstacles: bool) -> None:
-    """y'' is at most what the row foresees, and equal to it but where a ball passes an edge of a box."""
+    """y'' is at most what the row predicts, and equal to it but where a ball passes an edge of a box."""
     rng = np.random.default_rng(seed)
     shapes = SHAPES.against(OBSTACLES) if with_obstacles else SHAPES
     # As many rows as there are, in an order that does not change: the same ones before and after.
@@ -98,9 +98,9 @@ def test_rows_are_the_derivatives_of_the_distance(seed: int, with_obstacles: boo
     outside = y < constraint._minimum + 0.01  # balls whose centres are well outside the box
     np.testing.assert_allclose(((ahead[0] - behind[0]) / (2 * h) - rate)[outside], 0.0, atol=1e-4)
     np.testing.assert_allclose(row @ v, rate, atol=1e-12)
-    second, foreseen = (ahead[1] - behind[1]) / (2 * h), row @ u + bias
-    assert (second - foreseen)[outside].max() < 1e-4
-    assert np.mean(np.abs(second - foreseen)[outside] > 1e-4) < 0.05
+    second, predicted = (ahead[1] - behind[1]) / (2 * h), row @ u + bias
+    assert (second - predicted)[outside].max() < 1e-4
+    assert np.mean(np.abs(second - predicted)[outside] > 1e-4) < 0.05
 
 
 @pytest.mark.slow

@@ -67,9 +67,9 @@ def drive(wish: Wish, ticks: int, *constraints: LinkDistance) -> tuple[float, np
     motion = Posture(MODEL.parameters.default_posture, np.zeros(N))
     together = ConstraintSet(constraints, LIMITS, motion, PERIOD, -1.0)  # type: ignore[arg-type]
     program = QuadraticProgram(N, together.size, slack_weight=together.slack_weights)
-    unforeseen, worst, postures = np.zeros(together.foreseen_size), -np.inf, []
+    no_prediction, worst, postures = np.zeros(together.num_predicted_rates), -np.inf, []
     for tick in range(ticks):
-        rows = together.rows(motion, unforeseen)  # type: ignore[arg-type]
+        rows = together.rows(motion, no_prediction)  # type: ignore[arg-type]
         wanted = np.clip((wish(tick, motion) - motion.v) / PERIOD, -LIMITS.acceleration, LIMITS.acceleration)
         solution = program.solve(
             np.eye(N), -wanted, rows.matrix, rows.limit, u_lower=rows.lower, u_upper=rows.upper, fallback=motion.v

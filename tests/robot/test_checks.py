@@ -116,8 +116,8 @@ def test_what_does_not_move_with_an_arm_is_let_be(tmp_path, old, new, message):
     text = file.read_text()
     assert old in HEAD
     file.write_text(text.replace("</robot>", HEAD.format("head").replace(old, new)))
-    (note,) = RobotModel.load(tmp_path, None).parts.let_be
-    assert re.match(rf"line \d+: {re.escape(message)}.*; let be, for the (joint is held|link does not move)$", note)
+    (note,) = RobotModel.load(tmp_path, None).parts.accepted_faults
+    assert re.match(rf"line \d+: {re.escape(message)}.*; accepted, as the (joint is held|link does not move)$", note)
     (tmp_path / "planar.control.yaml").write_text(CONTROL + "held_joints: {slide: 0}\n")
     assert re.match(rf"planar\.urdf: cannot be used: line \d+: {re.escape(message)}", told(tmp_path))
     if "antenna" in message:  # on the last link of the arm
@@ -135,8 +135,11 @@ def test_a_limit_of_the_parameters_takes_the_place_of_one_that_is_a_slip(tmp_pat
     (tmp_path / "planar.control.yaml").write_text(f"{CONTROL}held_joints: {{slide: 0}}\n{key}: [50, 40, 30]\n")
     robot = RobotModel.load(tmp_path, None)
     assert robot.limits.torque[1] == (50 if name == "velocity" else 40)
-    held = ["let be, for the joint is held"] * (name == "effort")  # it slides: as fast as that it may
-    assert [note.rpartition("; ")[2] for note in robot.parts.let_be] == [*held, *[f"let be, for {key} is given"] * 3]
+    held = ["accepted, as the joint is held"] * (name == "effort")  # it slides: as fast as that it may
+    assert [note.rpartition("; ")[2] for note in robot.parts.accepted_faults] == [
+        *held,
+        *[f"accepted, as {key} is given"] * 3,
+    ]
 
 
 ROTORS = "[0.000466, 0.000527, 0.000466, 4.2e-05, 4.0969e-05, 4.2e-05]"

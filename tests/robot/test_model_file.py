@@ -118,14 +118,14 @@ def test_what_sdf_says_in_its_own_way_is_read(tmp_path, old, new):
         ("<damping>0<", "<damping>-1<", None),
     ],
 )
-def test_what_only_counts_where_it_moves_is_a_doubt(tmp_path, old, new, about):
+def test_what_only_counts_where_it_moves_is_a_conditional_fault(tmp_path, old, new, about):
     file = write_sdf(tmp_path, ARM.replace(old, new))
     if about is None:
         with pytest.raises(BadInputError, match=r"^own\.sdf: cannot be read: "):
             ModelFile.look(file, everything=False)
         return
-    (doubt,) = ModelFile.look(file, everything=False).doubts
-    assert (doubt.joint, doubt.link) == about
+    (fault,) = ModelFile.look(file, everything=False).conditional_faults
+    assert (fault.joint, fault.link) == about
 
 
 @pytest.mark.parametrize("mass", ["0", "-1"])

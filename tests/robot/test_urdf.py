@@ -273,7 +273,7 @@ def test_a_problem_is_told_in_words(tmp_path, old, new, message):
     file = write_planar_robot(tmp_path) / "planar.urdf"
     file.write_text(file.read_text().replace(old, new))
     urdf = read_urdf(file)
-    told = [*urdf.problems, *(doubt.text for doubt in urdf.doubts)]
+    told = [*urdf.problems, *(fault.text for fault in urdf.conditional_faults)]
     assert any(message in text for text in told), told
     with pytest.raises(BadInputError, match=r"planar\.urdf: cannot be (read|used): ") as caught:
         RobotModel.load(tmp_path, None)

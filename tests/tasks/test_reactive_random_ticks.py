@@ -69,7 +69,7 @@ class Ticks:
         motion = ArmsMotion(two_arms(), self.context, q, v)
         states = [task.state(motion) for task in arm_tasks()]
         state = TaskState(*map(np.concatenate, zip(*states, strict=True)))
-        rows = self.constraints.rows(motion, np.zeros(self.constraints.foreseen_size))
+        rows = self.constraints.rows(motion, np.zeros(self.constraints.num_predicted_rates))
         wish = state.rate + rng.normal(size=12) * rng.uniform(0, 0.1)
         place = state.value + PERIOD * 0.5 * (state.rate + wish)
         posed = self.program.pose(motion, rows, state, place, wish)
@@ -127,7 +127,7 @@ def test_torques_asked_for_only_where_they_bind_give_the_optimum_of_all_rows(sha
         tick = ticks.random(seed)
         wish = tick.state.rate + 0.1 * np.random.default_rng(seed).normal(size=12)
         asked = (tick.state, tick.state.value + PERIOD * 0.5 * (tick.state.rate + wish), wish)
-        rows, more = (each.rows(tick.motion, np.zeros(each.foreseen_size)) for each in (fewer, every))
+        rows, more = (each.rows(tick.motion, np.zeros(each.num_predicted_rates)) for each in (fewer, every))
         found = late.solve(late.pose(tick.motion, rows, *asked))
         expected = all_at_once.solve(all_at_once.pose(tick.motion, more, *asked))
         assert found.status == expected.status

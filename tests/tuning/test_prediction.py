@@ -121,7 +121,7 @@ def test_where_residuals_are_not_noise_a_lower_order_is_believed():
     def orders(y):
         plants = identify_plants(U, y, TS)
         likely = min(plants, key=lambda p: p.criterion).order
-        return RecordCheck(U, y, MODEL, basis).believed(plants, GAINS).order, likely
+        return RecordCheck(U, y, MODEL, basis).chosen(plants, GAINS).order, likely
 
     noisy = lfilter(*plant, U) + 0.01 * np.random.default_rng(1).normal(size=U.size)
     believed, likely = orders(noisy)
@@ -146,4 +146,4 @@ def test_an_instability_that_only_the_true_order_shows_is_believed():
     plants = identify_plants(U, y, TS)
     assert closed_loop(plants[0], basis, gains).stable
     assert plants[0].explained > 0.999
-    assert not closed_loop(RecordCheck(U, y, MODEL, basis).believed(plants, gains), basis, gains).stable
+    assert not closed_loop(RecordCheck(U, y, MODEL, basis).chosen(plants, gains), basis, gains).stable

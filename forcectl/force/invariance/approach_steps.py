@@ -48,7 +48,7 @@ class ApproachSteps:
     def __init__(self, model: PlantModel, constraints: ConstraintSet, speed: Vector, period: float):
         self._n, self._limit, self._constraints = model.n, model.singularity_limit, constraints
         self._largest, self._slight = speed * period, 2.0 * _SLIGHT / period**2
-        self._unforeseen = np.full(constraints.foreseen_size, np.nan)
+        self._no_prediction = np.full(constraints.num_predicted_rates, np.nan)
 
     def step(
         self,
@@ -73,13 +73,13 @@ class ApproachSteps:
         if wanted != 0.0:
             here = motion_at(q, v)
             here.contact = contact
-            free, place = self._constraints.rows(here, self._unforeseen), self._n @ here.position
+            free, place = self._constraints.rows(here, self._no_prediction), self._n @ here.position
             whole = wanted * damped_direction(here.jacobian, self._n, self._limit, DAMPING)[0]
             share = self._within_speeds(q - memory["joint_position_command"], whole)
             for halvings in range(_HALVINGS):
                 there = motion_at(q + 0.5**halvings * share * whole, v)
                 there.contact = contact
-                if self._admitted(free, self._constraints.rows(there, self._unforeseen)):
+                if self._admitted(free, self._constraints.rows(there, self._no_prediction)):
                     q, made = there.q, float(self._n @ there.position - place)
                     break
         moved = memory["approach_displacement"] + made

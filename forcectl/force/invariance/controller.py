@@ -254,7 +254,7 @@ class InvarianceController(SampledBlock):
             "in_sensor": np.zeros(self._sensor_state_size),
             # The rates after the tick, as the tick predicted them.
             "foreseen_outputs": np.zeros(len(self._axes)),
-            "foreseen_rows": np.zeros(self._constraints.foreseen_size),
+            "foreseen_rows": np.zeros(self._constraints.num_predicted_rates),
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
         }
         if self._approach is not None:
@@ -331,7 +331,7 @@ class InvarianceController(SampledBlock):
             "touched": touched,
             "in_sensor": tick.in_sensor,
             "foreseen_outputs": tick.rate + Ts * bending,
-            "foreseen_rows": self._constraints.foresee(rows, u),
+            "foreseen_rows": self._constraints.predict_rates(rows, u),
         }
         if self._approach is not None:
             requested, motion_at = inputs["approach_displacement"].item(), partial(self._motion, context, place=1)

@@ -26,7 +26,7 @@ def remarks(explorer: Explorer, found: Found, tree: ModelTree, wrong: Collection
         wrong: keys of the control parameters that are left out because they are wrong.
     """
     plant, parts, arm_joints = explorer.plant, explorer.parts, explorer.parts.parameters.arm_joints
-    yield from parts.let_be
+    yield from parts.accepted_faults
     there = [joint.name() for joint in tree.moving if plant.HasJointNamed(joint.name())]
     loose = [name for name in there if name not in arm_joints]
     if loose and not {"held_joints", "arm_joints", "arms"} & set(wrong):

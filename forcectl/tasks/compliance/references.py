@@ -262,8 +262,8 @@ class CompliantReferences(SampledBlock):
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """One tick."""
         Ts, before = self._period, int(memory["mode"])
-        asked = inputs["mode"].item() if "mode" in inputs else 0
-        number = int(asked) if asked in range(len(self._modes)) else max(before, 0)
+        requested = inputs["mode"].item() if "mode" in inputs else 0
+        number = int(requested) if requested in range(len(self._modes)) else max(before, 0)
         mode = self._modes[number]
         commanded = np.array([inputs[name] for name in _START])
         state = TrajectoryState(memory["trajectory"].reshape(-1, self._size))
@@ -272,12 +272,12 @@ class CompliantReferences(SampledBlock):
         forces = self._no_forces
         if complies:
             forces = mode.filter.step(mode.comply, inputs["task_force"], memory["smooth"], memory["force"])
-        ok, pushed = forces.ok, np.where(mode.comply & forces.ok, forces.force - mode.force, 0.0)
+        ok, net_force = forces.ok, np.where(mode.comply & forces.ok, forces.force - mode.force, 0.0)
         if number != before:
             ticks, goal = np.zeros(self._size), np.where(np.isnan(mode.position), commanded[0] + mode.by, mode.position)
             complied = mode.comply & self._modes[before].comply & (before >= 0)
             eased = mode.comply & (eased | ~complied | (mode.force != self._modes[before].force))
-            start = self._taken_over(mode, complied, commanded, own + swing, pushed)
+            start = self._taken_over(mode, complied, commanded, own + swing, net_force)
             swing = np.zeros_like(swing)
         else:
             ticks, goal = memory["ticks"] + 1.0, memory["goal"]
@@ -290,7 +290,7 @@ class CompliantReferences(SampledBlock):
         dx, dv = given[:2]
         after = dv
         if complies:
-            dx, after, eased = self._filtered(mode, commanded[0], given, pushed, eased)
+            dx, after, eased = self._filtered(mode, commanded[0], given, net_force, eased)
 
         free, wanted = np.isnan(goal) | ~ok, np.where(ok, mode.velocity, 0.0)
         # Above a velocity limit Ruckig would go to rest first: that limit is the first target.
@@ -310,11 +310,13 @@ class CompliantReferences(SampledBlock):
             still = np.logical_and.reduceat((state.arrived > 0.5) | ~rest, self._begins)  # tasks stop as a whole
             goal = np.where(rest & still.repeat(self._sizes), reference[0], goal)
         reference += (dx, after, (after - dv) / Ts)
-        aims = np.where(np.isnan(goal) | mode.stays & mode.comply, commanded[0], goal + np.where(mode.comply, dx, 0.0))
+        targets = np.where(
+            np.isnan(goal) | mode.stays & mode.comply, commanded[0], goal + np.where(mode.comply, dx, 0.0)
+        )
         if mode.swings:
             swing = np.zeros_like(swing)
         for each in mode.swings:
-            aims[each.row] = commanded[0][each.row]
+            targets[each.row] = commanded[0][each.row]
             if ok[each.row]:
                 swing[:, each.row] = each.at((ticks.item(each.row) + 1.0) * Ts)
                 reference[:, each.row] += swing[:, each.row]
@@ -330,24 +332,24 @@ class CompliantReferences(SampledBlock):
             "eased": eased.astype(float),
             "goal": goal,
             **dict(zip(_REFERENCES, reference, strict=True)),
-            "task_target": aims,
+            "task_target": targets,
             "task_displacement": dx,
             "task_force_ok": ok.astype(float),
         }
 
     @staticmethod
-    def _taken_over(mode: ModeReferences, complied: Mask, commanded: Array, own: Array, pushed: Array) -> Array:
+    def _taken_over(mode: ModeReferences, complied: Mask, commanded: Array, own: Array, net_force: Array) -> Array:
         """The motion (3, k) from which the generator continues at a switch of modes; the rest of the velocity is dv.
 
         Args:
             complied: True for coordinates that comply, and did so in the mode before.
             commanded: motion of the coordinates (3, k).
             own: motion of generator and swing (3, k).
-            pushed: F - F_bar (k,).
+            net_force: F - F_bar (k,).
         """
         start = commanded.copy()
         start[1:, complied] = own[1:, complied]
-        steady = np.clip(pushed / mode.admittance_at(commanded[0])[1], mode.slowest, mode.fastest)
+        steady = np.clip(net_force / mode.admittance_at(commanded[0])[1], mode.slowest, mode.fastest)
         taken = np.clip(commanded[1], np.minimum(steady, 0.0), np.maximum(steady, 0.0))
         start[1] -= np.where(mode.stays & mode.comply & ~complied, taken, 0.0)
         return start

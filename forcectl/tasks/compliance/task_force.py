@@ -101,6 +101,6 @@ class TaskForce(PythonBlock):
         posture = self._posture.Eval(context)
         tips = {name: pose_parts(frame.CalcPoseInWorld(posture)) for name, frame in self._tips.items()}
         wrenches = dict(zip(tips, readings, strict=True))
-        felt = [task.felt(tips, wrenches, of_both=self._of_both) for task in self._tasks]
-        forces = [task.forces(*each) for task, each in zip(self._tasks, felt, strict=True)]
-        value.set_value((np.concatenate(forces), np.concatenate([each[1] for each in felt])))
+        external = [task.external_wrench(tips, wrenches, of_both=self._of_both) for task in self._tasks]
+        forces = [task.forces(*each) for task, each in zip(self._tasks, external, strict=True)]
+        value.set_value((np.concatenate(forces), np.concatenate([each[1] for each in external])))

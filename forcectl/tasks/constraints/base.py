@@ -277,7 +277,7 @@ class ConstraintSet:
         self.slack_weights = np.array([_slack_weight(c) for c, _ in each])
         degrees = [c.relative_degree for c, _ in each]
         self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
-        self.foreseen_size = self.size - self._second  # of the vector of `foresee`, zeros at rest
+        self.num_predicted_rates = self.size - self._second  # of the vector of `predict_rates`, zeros at rest
         self.joints, self._acceleration = JointBounds(limits, self._period, self._approach), limits.acceleration
         self._gamma = [own for _, own in each][self._second :]
         self._margin = [_margin(c) for c, _ in each][self._second :]
@@ -287,11 +287,11 @@ class ConstraintSet:
         """Names of the rows; for rows that change, with what they belong to at this motion."""
         return with_rows_at(self.row_names, self._parts, motion)
 
-    def rows(self, motion: RobotMotion, foreseen: Vector) -> Rows:
+    def rows(self, motion: RobotMotion, predicted_rates: Vector) -> Rows:
         """The rows and bounds at this tick; rows of a constraint that raises an error are NaN.
 
         Args:
-            foreseen: y' of this tick as predicted in the tick before, see `foresee`.
+            predicted_rates: y' of this tick as predicted in the tick before, see `predict_rates`.
         """
         m, n, first, second = self.size, self._n, self._first, self._second
         matrix, values = np.empty((m, n)), np.empty((3, m))
@@ -306,8 +306,8 @@ class ConstraintSet:
             speeding = y[first:second]
             limit[first:second] -= np.where(speeding > 0.0, speeding / self._period, speeding / self._slowing)
         if m > second:
-            seen = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist())
-            parts = (*seen, self._gamma, self._margin, self._steady)
+            rows = (y[second:].tolist(), rate[second:].tolist(), predicted_rates.tolist())
+            parts = (*rows, self._gamma, self._margin, self._steady)
             limit[second:] += [self._bound(*numbers) for numbers in zip(*parts, strict=True)]
         lower, upper, violation = self.joints.at(motion.q, motion.v)
         if m > first:
@@ -317,16 +317,16 @@ class ConstraintSet:
             violation = max(violation, worst)
         return Rows(matrix, limit, first, lower, upper, violation, rate[second:], bias[second:])
 
-    def foresee(self, rows: Rows, u: Vector) -> Vector:
+    def predict_rates(self, rows: Rows, u: Vector) -> Vector:
         """Prediction of y' at the next tick, of the rows of relative degree 2."""
-        if not self.foreseen_size:
+        if not self.num_predicted_rates:
             return rows.rate
         return rows.rate + self._period * (rows.matrix[self._second :].dot(u) + rows.bias)
 
-    def _bound(self, y: float, rate: float, foreseen: float, gamma: float, margin: float, steady: bool) -> float:
+    def _bound(self, y: float, rate: float, predicted: float, gamma: float, margin: float, steady: bool) -> float:
         """The bound of row u + bias: that of y'' minus the prediction error of the last tick, limited to gamma."""
         bound = bounded_acceleration(y + margin, rate, gamma, self._period, self._approach)
-        missed = (rate - foreseen) / self._period
+        missed = (rate - predicted) / self._period
         return bound - max(min(missed, -gamma), gamma) if steady and missed == missed else bound
 
     def brake(self, v: Vector, rows: Rows, last: Vector | None = None) -> Vector:

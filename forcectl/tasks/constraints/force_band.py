@@ -88,9 +88,9 @@ class ForceBand:
         self.task, self._limits = task, np.array([F_max, F_min])
         self._laws = []
         for K in (K_min, K_max):
-            seen = measurement_error._replace(value=np.divide(measurement_error.value, K))
-            missed = model_error._replace(value=np.divide(model_error.value, K))
-            self._laws.append((K, RobustBound(gamma * K_min / K, seen, missed, period)))
+            measurement = measurement_error._replace(value=np.divide(measurement_error.value, K))
+            model = model_error._replace(value=np.divide(model_error.value, K))
+            self._laws.append((K, RobustBound(gamma * K_min / K, measurement, model, period)))
         needed = max(2.0 * K * law.distance().item() for K, law in self._laws)
         if not F_max - F_min > needed:
             raise invalid("force", [F_min, F_max], f"more than {needed:.3g} N apart, which its errors and a tick take")

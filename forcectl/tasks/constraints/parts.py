@@ -166,9 +166,11 @@ class RobustConfig(Config):
 
     def constraint(self, model: PlantModel) -> RobustConstraint:
         """See `ConstraintPart`."""
-        seen, missed = Errors(*self.measurement_error), Errors(*self.model_error)
+        measurement_error, model_error = Errors(*self.measurement_error), Errors(*self.model_error)
         inner = made_constraint(self.of, model, "of")
-        return RobustConstraint(inner, self.braking, measurement_error=seen, model_error=missed, period=model.period)
+        return RobustConstraint(
+            inner, self.braking, measurement_error=measurement_error, model_error=model_error, period=model.period
+        )
 
 
 @dataclass(kw_only=True)

@@ -57,15 +57,15 @@ class RobustBound:
         self, gamma_p: float, measurement_error: Errors, model_error: Errors, period: float, margin: float = 0.0
     ):
         self._period, gamma_p = check("period", period, "positive"), check("gamma_p", gamma_p, "positive")
-        seen_value, seen_rate = _bounds("measurement_error", measurement_error)
-        missed_value, missed_rate = _bounds("model_error", model_error)
-        drift = missed_rate / self._period
+        value_error, rate_error = _bounds("measurement_error", measurement_error)
+        predicted_value_error, predicted_rate_error = _bounds("model_error", model_error)
+        drift = predicted_rate_error / self._period
         if (drift >= gamma_p).any():
             allowed = f"below gamma_p * period = {gamma_p * self._period:g}: what braking can take away"
-            raise invalid("model_error.rate", missed_rate.tolist(), allowed)
+            raise invalid("model_error.rate", predicted_rate_error.tolist(), allowed)
         self._drift, self._gamma = drift, drift - gamma_p
-        self._value = seen_value + margin
-        self._rate = seen_rate + missed_value / self._period
+        self._value = value_error + margin
+        self._rate = rate_error + predicted_value_error / self._period
 
     def at(self, y: ArrayLike, rate: ArrayLike) -> Vector:
         """The largest p'', at least -gamma_p.

@@ -117,15 +117,15 @@ class TaskControllerConfig(Config):
         limits = replace(limits, velocity=(1.0 - self.speed_margin) * limits.velocity)
         shapes = RobotShapes.load(*robot.source) if self.link_distance > 0 else None
         always = constraints_of(self.constraints, model)
-        apart: dict[str, list[LinkDistance]] = {}  # modes with the same `touching` share their distances
+        distances: dict[str, list[LinkDistance]] = {}  # modes with the same `touching` share their distances
         kept, keys = [], [(f"constraints.{i}", one) for i, one in enumerate(always)]
         for at, mode in _keys(modes or {"": ModeConfig()}):
-            if (touching := repr(mode.touching)) not in apart:
-                apart[touching] = self._apart(shapes, model, mode.touching, f"{at}.touching")
-                keys += [("link_distance", one) for one in apart[touching]]
+            if (touching := repr(mode.touching)) not in distances:
+                distances[touching] = self._distances(shapes, model, mode.touching, f"{at}.touching")
+                keys += [("link_distance", one) for one in distances[touching]]
             own = constraints_of(mode.constraints, model, f"{at}.constraints")
             keys += [(f"{at}.constraints.{i}", one) for i, one in enumerate(own)]
-            kept.append([*apart[touching], *own])
+            kept.append([*distances[touching], *own])
 
         def criterion(part: Any, key: str, constraints: Sequence[Constraint]) -> AnyCriterion:
             wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
@@ -155,7 +155,7 @@ class TaskControllerConfig(Config):
                 solver=self.solver,
             )
 
-    def _apart(
+    def _distances(
         self, shapes: RobotShapes | None, model: PlantModel, touching: Sequence[Sequence[str]], key: str
     ) -> list[LinkDistance]:
         """The distances of links from each other and from boxes, except of pairs that may touch, given at `key`."""
@@ -171,10 +171,10 @@ class TaskControllerConfig(Config):
         boxes = [Obstacle(Box(*box.size), box.pose, name) for name, box in model.obstacles.items()]
         of_boxes = [(a, b) for a, b in touching if a in model.obstacles or b in model.obstacles]
         of_links = [(a, b) for a, b in touching if (a, b) not in of_boxes]
-        apart = [shapes.without(of_links)]
+        checked = [shapes.without(of_links)]
         if boxes:
-            apart.append(shapes.against(boxes).without(of_boxes))
-        return [LinkDistance(each, self.link_distance, period=model.period) for each in apart]
+            checked.append(shapes.against(boxes).without(of_boxes))
+        return [LinkDistance(each, self.link_distance, period=model.period) for each in checked]
 
 
 def _keys(modes: Mapping[str, ModeConfig]) -> list[tuple[str, ModeConfig]]:

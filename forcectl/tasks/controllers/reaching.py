@@ -110,7 +110,7 @@ class ReactiveReachingConfig(TaskControllerConfig):
             raise invalid("random_moves.count", self.random_moves.count, "0 beside targets or tasks")
         check_times(self.targets, of=lambda target: target.arm)
         if self.link_distance:
-            _check_apart(self.targets)
+            _check_distinct(self.targets)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """A `ReactiveReaching`."""
@@ -148,14 +148,14 @@ class ReactiveReachingConfig(TaskControllerConfig):
         return found
 
 
-def _check_apart(targets: Sequence[ReachConfig]) -> None:
+def _check_distinct(targets: Sequence[ReachConfig]) -> None:
     """Refuse targets that send two arms to the same point at the same time."""
     begun: dict[float, list[tuple[int, ReachConfig]]] = {}
     for i, target in enumerate(targets):
         for j, other in begun.setdefault(target.time, []):
             if np.allclose(target.position, other.position, rtol=0.0, atol=_SAME):
-                apart = f"another place than that of targets.{j}, of the {other.arm} arm at the same time"
-                raise invalid(f"targets.{i}.position", target.position, apart)
+                allowed = f"another place than that of targets.{j}, of the {other.arm} arm at the same time"
+                raise invalid(f"targets.{i}.position", target.position, allowed)
         begun[target.time].append((i, target))
 
 

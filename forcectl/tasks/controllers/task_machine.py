@@ -176,11 +176,11 @@ class TaskMachineConfig(TaskControllerConfig):
         if controller.force_tasks:
             bands = TaskForce(robot, controller.force_tasks, of_both=self.of_both)
         motion = CompliantMotion(controller, references, forces)
-        keys = {"estimated_wrench": self._wants_force(machine)} if forces is not None else {}
+        keys = {"estimated_wrench": self._first_key_of_forces(machine)} if forces is not None else {}
         made = TaskMachine(motion, machine, tasks, bands, port_keys=keys, period=model.period)
         return builder.AddNamedSystem("task_machine", made)
 
-    def _wants_force(self, machine: StateMachine) -> str:
+    def _first_key_of_forces(self, machine: StateMachine) -> str:
         """Key of the first guard or reference that needs an estimated force."""
         guards = [machine.port_keys[_force(name)] for name in self.tasks if _force(name) in machine.port_keys]
         references = [

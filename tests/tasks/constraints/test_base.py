@@ -154,10 +154,10 @@ def test_rows_come_by_relative_degree_with_their_bounds() -> None:
     expected = bounded_acceleration(float(wall[0]), float(wall[1]), -1.0, PERIOD) - wall[3]  # type: ignore[arg-type]
     assert rows.limit[6] == pytest.approx(float(expected))
     # What the tick before missed of y'' is missed again, it says; but no more than gamma.
-    for foreseen, missed in ((rate - 0.3 * PERIOD, 0.3), (rate + 9.0, -1.0), (math.nan, 0.0)):
-        again = together.rows(motion, np.array([foreseen]))
+    for predicted, missed in ((rate - 0.3 * PERIOD, 0.3), (rate + 9.0, -1.0), (math.nan, 0.0)):
+        again = together.rows(motion, np.array([predicted]))
         assert again.limit[6] == pytest.approx(float(expected) - missed)
-    np.testing.assert_allclose(together.foresee(rows, u), [rate + PERIOD * (rows.matrix[6] @ u + wall[3])])
+    np.testing.assert_allclose(together.predict_rates(rows, u), [rate + PERIOD * (rows.matrix[6] @ u + wall[3])])
 
 
 def test_a_margin_is_kept_beside_a_constraint_and_rows_that_change_are_not_compared_with_the_tick_before() -> None:
