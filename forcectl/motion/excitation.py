@@ -159,7 +159,7 @@ class ExcitationFileConfig(_Excitation, Config):
         times, displacements = read_signal(self.path, "displacement")
         where = f" = {self.path!r}: column displacement"
         if len(set(displacements)) < 2:
-            raise BadInputError(f"{where} is constant: must move, to excite", key="path")
+            raise BadInputError(f"{where} is constant: must change over time", key="path")
         if min(displacements) >= 0:
             raise BadInputError(f"{where} is nowhere below zero: must be, to press on the surface", key="path")
         if (furthest := max(map(abs, displacements))) > _FURTHEST:

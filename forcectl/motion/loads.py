@@ -51,7 +51,7 @@ class LoadConfig(Config):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.arm and self.body:
-            raise invalid("body", self.body, "left out where there is an arm")
+            raise invalid("body", self.body, "left out if arm is given")
         if self.hold < 2 * self.ramp:
             raise invalid("ramp", self.ramp, f"at most half of hold, {self.hold / 2:g} s")
         if not self.wrenches:
@@ -61,7 +61,7 @@ class LoadConfig(Config):
         if self.repeats == 1 and self.every:
             raise invalid("every", self.every, "left out without repeats")
         if self.repeats > 1 and self.every < self.duration:
-            raise invalid("every", self.every, f"at least what one repeat lasts, {self.duration:g} s")
+            raise invalid("every", self.every, f"at least the duration of one repeat, {self.duration:g} s")
 
     @property
     def duration(self) -> float:

@@ -188,7 +188,7 @@ class StepConfig(_ForceReference, Config, in_batches=True):
         if self.start_time > 0:
             _check_changes(self.initial_force, self.force)
         elif self.initial_force != 0:
-            raise invalid("initial_force", self.initial_force, "left out, or go with a start_time above zero")
+            raise invalid("initial_force", self.initial_force, "left out if start_time is zero")
 
 
 @dataclass(kw_only=True)

@@ -105,7 +105,7 @@ def completed(
         ratio = fill("gear_ratio", f"{GEAR_RATIO:g}", lambda: np.full(n, GEAR_RATIO))
     rule = f"joint side, the largest torque would bring it to the largest speed in {1e3 * ROTOR_TIME:g} ms"
     rotor = fill("rotor_inertia", rule, lambda: torque * ROTOR_TIME / velocity / ratio**2)
-    rule = f"{100 * DAMPING_RATIO:g} % of critical of the rotor on its spring"
+    rule = f"{100 * DAMPING_RATIO:g} % of the critical damping of the rotor on its spring"
     fill("transmission_damping", rule, lambda: 2 * DAMPING_RATIO * np.sqrt(stiffness * rotor * ratio**2))
     coulomb, viscous = drives["coulomb_friction"], drives["viscous_friction"]
     if coulomb.any():
@@ -119,7 +119,8 @@ def completed(
     if not values:
         return parameters
     if "rotor_inertia" in assumed and not len(parameters.velocity_loop_inertia):
-        assumed["velocity_loop_inertia"] = f"{LOOP_SHARE:g} of rotor and all that it moves in the default posture"
+        rule = f"{LOOP_SHARE:g} times that of the rotor and all that it moves in the default posture"
+        assumed["velocity_loop_inertia"] = rule
     made = replace(parameters, **values)
     made.assumed = assumed
     return made

@@ -101,7 +101,7 @@ def check_range(joint: Joint, position: float, file: str, key: str) -> None:
     """BadInputError unless an arm joint can move, and its position in the default posture [rad, m] is within limits."""
     low, high = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
     if not low < high:
-        allowed = "a range that it moves in, or the joint one of held_joints"
+        allowed = "lower below upper, or the joint one of held_joints"
         raise BadInputError(f"{file}: joint {joint.name()!r}: limit from {low:g} to {high:g}: must be {allowed}")
     if not low <= position <= high:
         low, high, given = np.degrees([low, high, position])
@@ -146,7 +146,7 @@ def check_weight(
     reach = 2 * parameters.characteristic_length
     least = torque / (_STRONGEST * _GRAVITY * reach)
     if np.isfinite(torque) and mass < least:
-        allowed = f"at least {least:.3g} kg, of which {name} with {torque:g} Nm could hold {_STRONGEST:g} times"
+        allowed = f"at least {least:.3g} kg: {name} with {torque:g} Nm can hold {_STRONGEST:g} times that"
         where = f"{reach:g} m away, twice characteristic_length"
         raise BadInputError(f"{parameters.model}: links that move have {mass:.3g} kg in all: must be {allowed} {where}")
     for body in moving:
@@ -298,7 +298,7 @@ def _check_neighbours(robot: RobotModel, arm: ArmParts) -> None:
     one = robot.parameters.arms.get(arm.name)
     for i, name in enumerate(one.tool_neighbours if one else ()):
         if plant.GetBodyByName(name, robot.parts.instance).index() in others - moved:
-            key, allowed = f"arms.{arm.name}.tool_neighbours.{i}", "a link of this arm, or of what bears it"
+            key, allowed = f"arms.{arm.name}.tool_neighbours.{i}", "a link of this arm or of its support"
             raise invalid(key, name, f"{allowed}: ignored_collisions is for links of another arm")
 
 
@@ -340,9 +340,10 @@ def _check_tool(robot: RobotModel, arm: ArmParts, context: Any) -> None:
             allowed = f"in or on the ball around {ball.name()}: {far:.3g} m away, at most {most:.3g} m"
             raise invalid("tcp_frame", arm.tcp_frame.name(), f"{allowed} with contact_ball_radius = {radius:g}")
         if radius > (most := float(np.linalg.norm(ball.CalcPose(context, arm.flange_frame).translation()))):
-            raise invalid("contact_ball_radius", radius, f"at most {most:.3g} m, where the flange is")
+            raise invalid("contact_ball_radius", radius, f"at most {most:.3g} m, the distance of the flange")
         if arm.sensor_weld is not None and ball.body().index() in _held_without(plant, arm.sensor_weld, arm):
-            allowed = f"between mount_frame and contact_ball_frame = {ball.name()!r}: else no contact is felt"
+            between = f"between mount_frame and contact_ball_frame = {ball.name()!r}"
+            allowed = f"{between}: else the sensor does not measure the contact"
             raise invalid("sensor_weld", arm.sensor_weld.name(), allowed)
     robot.check_torque(
         "tool",

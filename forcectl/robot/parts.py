@@ -240,7 +240,7 @@ def _fix_base(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, X_
     joints = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
     if any(joint.parent_body().index() == plant.world_body().index() for joint in joints):
         if X_WB is not None:
-            raise BadInputError("a model with a `world` of its own stands where it says")
+            raise BadInputError("pose of the base: must be left out for a model with a `world` of its own")
         if name not in ("", "world"):
             frame_named(plant, name, instance, "base_frame")
         return
@@ -274,7 +274,7 @@ def _mimics(
             if name in parameters.arm_joints:
                 follower = seen[0] if seen else name
                 raise BadInputError(
-                    f"joint {follower!r} mimics an arm joint, which is not followed here: must be one of held_joints"
+                    f"joint {follower!r} mimics an arm joint, which is not supported: must be one of held_joints"
                 )
             wanted = 0.0 if mimics is None else mimics[1] * position(mimics[0], (*seen, name)) + mimics[2]
             joint = _revolute_or_prismatic(plant, name, instance, "held_joints")

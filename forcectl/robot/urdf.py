@@ -221,7 +221,7 @@ class _Rewriting:
                     self._found.notes.append(f"link {name}: inertia without a mass, left out")
             elif moments[0] < 0 or moments[2] > (1 + 1e-6) * (moments[0] + moments[1]) + 1e-12:
                 self._raise_moments(inertia, inertias)
-                self._found.notes.append(f"link {name}: no body has such an inertia; its smaller moments are raised")
+                self._found.notes.append(f"link {name}: inertia of no physical body; its smaller moments are raised")
 
     def _raise_moments(self, inertia: Element | None, inertias: np.ndarray) -> None:
         """Raise the smaller moments to the least that are possible with the largest one."""

@@ -258,9 +258,9 @@ class SelfMotion:
         self._arms = {name: arm.joints for name, arm in robot.parts.arms.items()}
         sizes = {name: joints.stop - joints.start for name, joints in self._arms.items()}
         if _REDUNDANT not in sizes.values():
-            listed = ", ".join(f"{name} has {size}" for name, size in sizes.items())
+            listed = ", ".join(f"{name} has {size} joints" for name, size in sizes.items())
             moves = f" moves an arm of {_REDUNDANT} joints about its hand"
-            raise BadInputError(f"{moves}: must be of a robot with such an arm, here {listed}")
+            raise BadInputError(f"{moves}: must be of a robot with such an arm, but {listed}")
         self._speed, self._range = check("speed", speed, "positive"), check("range", range, "positive")
         self._fastest, self._slowest = check("fastest", fastest, "positive"), check("slowest", slowest, "positive")
         if fastest < speed:

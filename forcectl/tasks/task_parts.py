@@ -30,7 +30,7 @@ class TaskTargetConfig(Config):
     """A target of task coordinates from a time on; until the first one they keep their start values."""
 
     value: list[float] = key(meaning="target of each task coordinate", unit="m or rad")
-    time: float = key(0.0, "time from which on this target holds", unit="s", bounds="not negative")
+    time: float = key(0.0, "time from which this target applies", unit="s", bounds="not negative")
 
 
 def check_times(targets: Sequence[Any], of: Callable[[Any], str] = lambda target: "") -> None:

@@ -109,15 +109,15 @@ def warnings(fit: VrftFit, y: Array) -> Iterator[str]:
     """The warnings about a fit to a record with the output y, a line each."""
     size = fit.basis.size
     if fit.excitation_order < min(size, HIGHEST):
-        yield f"the record excites {fit.excitation_order} of {size} gains: move more often, or in another rhythm"
+        yield f"the record excites {fit.excitation_order} of {size} gains: move more often, or at other intervals"
     noise = fit.noise_share if fit.noise_share is not None else np.zeros(size)
     noisy = noise > _NOISE_SHARE
     open_sign = (np.abs(fit.gains) < _STANDARD_ERRORS * fit.standard_errors) & ~noisy
     # By rounding, a gain that is exactly zero has a standard error, too.
     open_sign &= fit.standard_errors > 1e-9 * np.abs(fit.gains).max()
     if noisy.any():
-        it = "it" if noisy.sum() == 1 else "them"
-        share = f"{100 * noise[noisy].max():.0f} % of what tells {it} apart is noise"
+        it, its = ("it", "its regressor") if noisy.sum() == 1 else ("them", "their regressors")
+        share = f"{100 * noise[noisy].max():.0f} % of the independent part of {its} is noise"
         yield f"{_named(fit, noisy)} not identifiable: {share}; leave {it} out or move faster"
     if open_sign.any():
         yield f"{_named(fit, open_sign)} not identifiable: within {_STANDARD_ERRORS:g} standard errors of zero"
@@ -128,13 +128,14 @@ def warnings(fit: VrftFit, y: Array) -> Iterator[str]:
     if not fit.trusted:
         error = f"by {100 * fit.model_error:.0f} %" if np.isfinite(fit.model_error) else "without bounds"
         yield (
-            f"the prediction is not to be trusted: in the loop the plant model, which explains "
-            f"{100 * max(fit.plant.explained, 0.0):.1f} % of the output, misses the record {error} (friction?)"
+            f"the prediction is not to be trusted: the plant model explains "
+            f"{100 * max(fit.plant.explained, 0.0):.1f} % of the output, but in the loop misses the record {error} "
+            f"(friction?)"
         )
     if not fit.stable:
         yield "reference model out of reach: the tuned loop is expected to be unstable; choose a slower model"
     elif fit.expected_mismatch > OUT_OF_REACH:
-        source = "read off the record" if fit.expected_mismatch > fit.model_mismatch else "predicted"
+        source = "computed from the record" if fit.expected_mismatch > fit.model_mismatch else "predicted"
         yield (
             f"reference model out of reach: the loop is expected to miss it by {100 * fit.expected_mismatch:.0f} % "
             f"({source}); choose a slower model, or one with the delay of the plant"

@@ -139,7 +139,7 @@ def identify_friction(
     if load.ndim != 2 or start.shape != load.shape or end.shape != load.shape:
         raise BadInputError(f"torque has shape {load.shape}: must be (N, n), as the speeds {start.shape}, {end.shape}")
     if not (np.isfinite(start).all() and np.isfinite(end).all() and np.isfinite(load).all()):
-        raise invalid("samples", "not finite", "finite; leave out what was lost")
+        raise invalid("samples", "not finite", "finite; leave out lost samples")
     names = list(joints) or [f"joint {j + 1}" for j in range(load.shape[1])]
     fits = [_fit_joint(names[j], start[:, j], end[:, j], load[:, j], slow) for j in range(load.shape[1])]
     coefficients, deviation, rms, explained, move, still, used = (np.array(part).T for part in zip(*fits, strict=True))

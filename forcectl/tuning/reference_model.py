@@ -180,7 +180,7 @@ def from_discrete(numerator: ArrayLike, denominator: ArrayLike, period: float) -
     below = np.trim_zeros(_coefficients("denominator", denominator), "f")
     delay = below.size - above.size
     if delay < 1:
-        what = "not causal: it answers before it is asked" if delay < 0 else "without delay: a sampled loop has some"
+        what = "not causal: its output precedes its input" if delay < 0 else "without delay: a sampled loop has one"
         raise BadInputError(
             f"reference model has degree {above.size - 1} over {below.size - 1} in z and is {what}; "
             "it must be strictly proper, the denominator of the higher degree"

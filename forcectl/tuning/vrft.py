@@ -158,7 +158,7 @@ def _check(u: Array, y: Array, model: ReferenceModel, basis: ControllerBasis) ->
         raise BadInputError(f"u has {u.size} samples: must have at least {least} for {basis.size} gains")
     for name, values in (("u", u), ("y", y)):
         if np.ptp(values) < 1 / _LARGEST:
-            raise invalid(f"{name} (all samples)", float(values[0]), "changing: nothing can be learnt from a constant")
+            raise invalid(f"{name} (all samples)", float(values[0]), "not constant: a constant identifies no gains")
     if abs(model.period - basis.period) > 1e-9 * basis.period:
         raise invalid("period of the reference model", model.period, f"that of the controller, {basis.period:g} s")
 

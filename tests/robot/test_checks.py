@@ -12,7 +12,7 @@ from forcectl.robot.model import RobotModel
 from tests.examples.robot_folders import CONTROL, write_planar_robot
 
 STIFF = "joint_stiffness.{}: must be from [50.0, 50.0, 50.0] to [5000000.0, 5000000.0, 5000000.0]"
-LIGHT = "planar.urdf: links that move have 0.006 kg in all: must be at least 0.051 kg, of which shoulder with 50 Nm"
+LIGHT = "planar.urdf: links that move have 0.006 kg in all: must be at least 0.051 kg: shoulder with 50 Nm"
 # File; what is written there; instead; the message.
 REFUSED = [
     ("control.yaml", "[1000, 800, 600]", "[1e6, 8e6, 6e5]", STIFF.format("soft = [1000000.0, 8000000.0, 600000.0]")),
@@ -224,8 +224,6 @@ def test_links_of_the_other_arm_are_no_neighbours_of_a_tool(tmp_path):
     file.write_text(text.replace("[right_link_4, right_link_5]", "[robot_base, right_link_5]"))
     assert RobotModel.load(folder, None).num_joints == 14
     file.write_text(text.replace("[right_link_4, right_link_5]", "[right_link_4, left_link_5]"))
-    message = (
-        r"^yumi\.control\.yaml:17: arms\.right\.tool_neighbours\.1 = 'left_link_5': must be a link of this arm, or"
-    )
+    message = r"^yumi\.control\.yaml:17: arms\.right\.tool_neighbours\.1 = 'left_link_5': must be a link of this arm or"
     with pytest.raises(BadInputError, match=message):
         RobotModel.load(folder, None)

@@ -171,7 +171,7 @@ def test_an_inertia_that_no_body_has_is_raised(tmp_path):
     text = (write_planar_robot(tmp_path) / "planar.urdf").read_text()
     (tmp_path / "planar.urdf").write_text(text.replace('ixx="0.001" iyy="0.03"', 'ixx="0.01" iyy="0.01"'))
     (note, *_) = read_urdf(tmp_path / "planar.urdf").notes
-    assert note == "link base: no body has such an inertia; its smaller moments are raised"
+    assert note == "link base: inertia of no physical body; its smaller moments are raised"
     inertia = RobotModel.load(tmp_path, None).plant.GetBodyByName("hand").default_spatial_inertia()
     assert inertia.get_mass() == pytest.approx(2.0)
     about_com = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CalcPrincipalMomentsOfInertia()

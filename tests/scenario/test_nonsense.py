@@ -185,7 +185,7 @@ REFUSED = [
     ("reference: !Ramp {force: 4, initial_force: 4}", "build", "reference.initial_force = 4.0: must be another one"),
     ("reference: !Step {force: 4, initial_force: 4, start_time: 1}", "build", "another one than force: !Step {force"),
     ("reference: !Ramp {force: 0}", "build", "initial_force = 0.0: must be another one than force: !Step {force: 0}"),
-    ("reference: {initial_force: 4}", "build", "reference.initial_force = 4.0: must be left out, or go with a start_t"),
+    ("reference: {initial_force: 4}", "build", "reference.initial_force = 4.0: must be left out if start_time is zero"),
     ("station: {elastic_joints: false, stiffness_scale: 2}", "stiffness_scale = 2.0: must be left out with elastic_jo"),
     ("station: {elastic_joints: false, stiffness_set: bending}", "stiffness_set = 'bending': must be left out with"),
     ("station: {drive: {servo: {ideal: true, coulomb_friction: 3}}}", "coulomb_friction = 3.0: must be left out with"),

@@ -169,7 +169,7 @@ def test_self_motion_is_smooth_along_any_way() -> None:
 def test_self_motion_of_a_robot_whose_arms_have_no_null_space_is_refused() -> None:
     from forcectl.robot.model import RobotModel
 
-    wanted = "must be of a robot with such an arm, here arm has 6"
+    wanted = "must be of a robot with such an arm, but arm has 6 joints"
     with pytest.raises(BadInputError, match=f"moves an arm of 7 joints about its hand: {wanted}"):
         SelfMotion(RobotModel.load("comau_smart_six"))
 

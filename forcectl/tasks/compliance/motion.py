@@ -73,7 +73,7 @@ class CompliantMotion(PythonDiagram):
         sizes = [task.size for task in controller.tasks]
         block = CompliantReferences(references, sizes, controller.task_start, period=controller.period)
         if block.complies and forces is None:
-            raise BadInputError("comply: must not be said without forces along the tasks")
+            raise BadInputError("comply: must be false unless the forces along the tasks are given")
         builder.AddNamedSystem("references", block)
         made = {
             name: block.GetOutputPort(f"task_{name}_reference") for name in ("position", "velocity", "acceleration")

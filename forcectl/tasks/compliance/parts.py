@@ -160,7 +160,7 @@ class ReferenceConfig(Config):
         if not self.comply:
             for name, none in _OF_COMPLIANCE.items():
                 if getattr(self, name) != none:
-                    raise BadInputError("must stand beside comply: true", key=name)
+                    raise BadInputError("must be left out without comply: true", key=name)
         if self.speed_limit and not (self.speed_limit[0] <= 0 <= self.speed_limit[1] and any(self.speed_limit)):
             raise invalid("speed_limit", self.speed_limit, "at most zero, and at least zero, and not both zero")
 

@@ -93,7 +93,8 @@ class ForceBand:
             self._laws.append((K, RobustBound(gamma * K_min / K, measurement, model, period)))
         needed = max(2.0 * K * law.distance().item() for K, law in self._laws)
         if not F_max - F_min > needed:
-            raise invalid("force", [F_min, F_max], f"more than {needed:.3g} N apart, which its errors and a tick take")
+            allowed = f"more than {needed:.3g} N apart, for the margins due to errors and sampling"
+            raise invalid("force", [F_min, F_max], allowed)
         if slack_weight is not None:
             self.slack_weight = slack_weight
 

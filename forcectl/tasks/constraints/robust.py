@@ -61,7 +61,7 @@ class RobustBound:
         predicted_value_error, predicted_rate_error = _bounds("model_error", model_error)
         drift = predicted_rate_error / self._period
         if (drift >= gamma_p).any():
-            allowed = f"below gamma_p * period = {gamma_p * self._period:g}: what braking can take away"
+            allowed = f"below gamma_p * period = {gamma_p * self._period:g}, which braking removes in a period"
             raise invalid("model_error.rate", predicted_rate_error.tolist(), allowed)
         self._drift, self._gamma = drift, drift - gamma_p
         self._value = value_error + margin

@@ -65,7 +65,7 @@ class TaskControllerConfig(Config):
     tasks: dict[str, Any] = slot("task", dict, meaning="tasks by name; empty: the whole pose of every arm")
     motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the task references")
     limits: JointLimitConfig = key(
-        JointLimitConfig, "joint limits that replace the robot's; the robot's hold where none is given"
+        JointLimitConfig, "joint limits instead of the robot's; limits that are not given are the robot's"
     )
     speed_margin: float = key(
         0.01,
@@ -167,7 +167,7 @@ class TaskControllerConfig(Config):
                 if name not in known:
                     raise unknown("shape", name, known).at(f"{key}.{i}")
                 if name in shapes.names and name in model.obstacles:
-                    raise invalid(f"{key}.{i}", pair, f"of one meaning: {name!r} is a box and a shape of the robot")
+                    raise invalid(f"{key}.{i}", pair, f"unambiguous: {name!r} is a box and a shape of the robot")
         boxes = [Obstacle(Box(*box.size), box.pose, name) for name, box in model.obstacles.items()]
         of_boxes = [(a, b) for a, b in touching if a in model.obstacles or b in model.obstacles]
         of_links = [(a, b) for a, b in touching if (a, b) not in of_boxes]

@@ -37,7 +37,8 @@ def check_no_single_value(place: str, exits: Sequence[ExitConfig]) -> None:
         for side, (low, high) in Expression(exit_.when).limits().items():
             counted = {name.partition(".")[0] for name in Expression(side).names} <= {*SWITCHES, "visits"}
             if low == high != 0.0 and not counted:
-                raise invalid(f"{place}.{i}.when", exit_.when, f"with < or >: {side} is hardly ever exactly {low:g}")
+                allowed = f"a comparison with < or >: {side} is hardly ever exactly {low:g}"
+                raise invalid(f"{place}.{i}.when", exit_.when, allowed)
 
 
 def check_pressed(always: Sequence[ExitConfig], modes: Mapping[str, Any]) -> None:
@@ -63,7 +64,9 @@ def check_pressed(always: Sequence[ExitConfig], modes: Mapping[str, Any]) -> Non
                 part = f"{task}_force.force_{each}"
                 if all(condition.always_holds({part: (side, side)}) for side in (-force, force)):
                     pressing = f"modes.{name}.references.{task}.{each}.force presses with {force:g} N"
-                    raise invalid(f"always.{i}.when", exit_.when, f"false at what modes press with: {pressing}")
+                    raise invalid(
+                        f"always.{i}.when", exit_.when, f"false at the desired forces of the modes: {pressing}"
+                    )
 
 
 def check_held(key: str, force: float, coordinate: str, task: str, ranges: Ranges, because: str) -> None:

@@ -46,7 +46,7 @@ class ReachConfig(Config):
 
     arm: str = key(meaning="name of the arm")
     position: list[float] = key(meaning="target position of the TCP in the world", unit="m", size=3)
-    time: float = key(0.0, "time from which on this target holds", unit="s", bounds="not negative")
+    time: float = key(0.0, "time from which this target applies", unit="s", bounds="not negative")
     turn_deg: list[float] = key(
         [0.0, 0.0, 0.0],
         "target orientation, a rotation vector from the start orientation, in the world",
@@ -57,7 +57,7 @@ class ReachConfig(Config):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not np.linalg.norm(self.turn_deg) < 180:
-            raise invalid("turn_deg", self.turn_deg, "of less than 180 degrees in all")
+            raise invalid("turn_deg", self.turn_deg, "a rotation by less than 180 degrees")
 
     def of_task(self) -> TaskTargetConfig:
         """This target as one of the task of the whole pose of the arm."""

@@ -120,7 +120,7 @@ class TaskMachineConfig(TaskControllerConfig):
                 )
                 raise invalid("tasks", name, allowed)
             if part.targets:
-                raise BadInputError("must be left out: references of the modes say it", key=f"tasks.{name}.targets")
+                raise BadInputError("must be left out: the modes have references instead", key=f"tasks.{name}.targets")
 
     @property
     def _start(self) -> str:
@@ -273,8 +273,8 @@ def _signals(tasks: Mapping[str, ArmTask], arms: Sequence[str]) -> dict[str, lis
     others |= {name: list(arms) for name in _OF_ARMS}
     for name in found:
         if name in (*others, *OWN_NAMES):
-            what = next((f"the force on {each!r}" for each in tasks if _force(each) == name), "something else")
-            raise BadInputError(f"must be called otherwise: in guards {name!r} is {what}", key=f"tasks.{name}")
+            what = next((f"the force on {each!r}" for each in tasks if _force(each) == name), "another signal")
+            raise BadInputError(f"must have another name: in guards {name!r} is {what}", key=f"tasks.{name}")
     return found | others
 
 

@@ -90,7 +90,7 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
     _check_kinds(modes, always)
     _check_mode("start", start, modes)
     if modes[start].end:
-        raise BadInputError(" is that of the start: must be no end", key=f"modes.{start}")
+        raise BadInputError(" is the start mode: must not be an end", key=f"modes.{start}")
     if on_bad_signal:
         _check_mode("on_bad_signal", on_bad_signal, modes)
     for i, exit_ in enumerate(always):
@@ -100,7 +100,7 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
     _check_guards("always", always)
     for i, exit_ in enumerate(always):
         if Expression(exit_.when).limits().get("time", (0.0, 0.0))[0] >= longest:
-            allowed = f"true within the longest timeout of a mode, {longest:g} s; over modes there is elapsed"
+            allowed = f"true within the longest timeout of a mode, {longest:g} s; the time since the start is elapsed"
             raise invalid(f"always.{i}.when", exit_.when, allowed)
     for name, mode in modes.items():
         _check_ways(f"modes.{name}", name, mode, modes)
@@ -108,7 +108,7 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
             if state not in GRIPPERS:
                 raise invalid(f"modes.{name}.grippers.{arm}", state, "open or closed")
     if not any(mode.end == "success" for mode in modes.values()):
-        raise BadInputError("one of them must be a success: end: success", key="modes")
+        raise BadInputError("one of them must have end: success", key="modes")
     anywhere = [exit_.to for exit_ in always] + [on_bad_signal] * bool(on_bad_signal)
     reached = _reached(modes, [start, *anywhere])
     for name in modes:
@@ -126,7 +126,7 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
         check_able("always", always, _ONCE, "nothing leads back to any mode: visits is 1")
         for i, exit_ in enumerate(always):
             if exit_.hold >= sum(timeouts):
-                raise invalid(f"always.{i}.hold", exit_.hold, f"below all timeouts together, {sum(timeouts):g} s")
+                raise invalid(f"always.{i}.hold", exit_.hold, f"below the sum of all timeouts, {sum(timeouts):g} s")
 
 
 def check_able(
@@ -265,7 +265,7 @@ def _check_guards(place: str, exits: Sequence[ExitConfig], timeout: float = math
             same = "".join(first.when.split()) == "".join(exit_.when.split())
             covered = same or Expression(first.when, f"{place}.{j}.when", GUARD_EXAMPLE).covers(condition)
             if covered and first.hold <= exit_.hold:
-                raise invalid(key, exit_.when, f"another guard than that of {j}, which counts first")
+                raise invalid(key, exit_.when, f"another guard than that of {j}, which is checked first")
 
 
 def _check_open(key: str, condition: Expression, first: Mapping[str, tuple[float, float]]) -> None:
@@ -273,7 +273,11 @@ def _check_open(key: str, condition: Expression, first: Mapping[str, tuple[float
     ranges = {name: (0.0, 1.0) for name in condition.names if name.partition(".")[0] in SWITCHES} | _RANGES
     for part, holds in condition.settled(ranges):
         shown = "" if part == condition.text.strip() else f": {part!r}"
-        way = "true: must be able to be false; time > 0 goes on at once" if holds else "false: must be able to hold"
+        way = (
+            "true: must be able to be false, such as time > 0 for a transition at once"
+            if holds
+            else "false: must be able to hold"
+        )
         raise BadInputError(f" = {condition.text!r}{shown} is always {way}", key=key)
     if condition.always_holds({**ranges, **first}):
         raise BadInputError(f" = {condition.text!r} is true from the first tick on: must be false there", key=key)
@@ -302,7 +306,7 @@ def _check_timeouts(name: str, modes: Modes) -> None:
     if not modes[last].end:
         ring = ", ".join(way[way.index(last) :])
         raise BadInputError(
-            f" = {last!r}: must lead to an end by timeouts alone, not around {ring}",
+            f" = {last!r}: must lead to an end by timeouts alone, not in a loop through {ring}",
             key=f"modes.{way[-1]}.on_timeout",
         )
 
@@ -310,20 +314,20 @@ def _check_timeouts(name: str, modes: Modes) -> None:
 def _check_successes(modes: Modes, start: str, on_bad_signal: str, always: Sequence[ExitConfig]) -> None:
     """Refuse a success that does not depend on any guard; the modes by themselves are checked before."""
     if not always and not any(mode.exits for mode in modes.values()):
-        raise BadInputError("one of them must have exits: nothing that happens matters to this machine", key="modes")
+        raise BadInputError("one of them must have exits: without them no signal has an effect", key="modes")
     if on_bad_signal and modes[_way_of_timeouts(on_bad_signal, modes)[-1]].end == "success":
-        allowed = "a failure, or a mode whose timeout leads to one: missing readings are no success"
+        allowed = "a failure, or a mode whose timeout leads to one: missing signals must not end in a success"
         raise invalid("on_bad_signal", on_bad_signal, allowed)
     *waiting, last = _way_of_timeouts(start, modes)
     if modes[last].end == "success":
-        allowed = "a failure: no guard holds on that way from the start. One such as time > 2 may lead to a success"
+        allowed = "a failure: timeouts alone lead there from the start. A guard such as time > 2 may lead to a success"
         raise invalid(f"modes.{waiting[-1]}.on_timeout", last, allowed)
     for name, mode in modes.items():
         if mode.end or modes[mode.on_timeout].end != "success":
             continue
         for exit_ in mode.exits:
             if mode.on_timeout in _reached(modes, [exit_.to], without=name):
-                allowed = "another than the success that a guard leads to, which is one whether that holds or not"
+                allowed = "another than the success that a guard leads to: that guard would have no effect"
                 raise invalid(f"modes.{name}.on_timeout", mode.on_timeout, allowed)
 
 

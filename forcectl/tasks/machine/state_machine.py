@@ -48,7 +48,7 @@ class Guard:
         self._condition = Expression(text, key, GUARD_EXAMPLE)
         self._condition.check_names([*known, *OWN_NAMES], "signal")
         if self._condition.texts:
-            raise invalid(key, text, "of signals and numbers, without texts")
+            raise invalid(key, text, "a condition on signals and numbers, without texts")
         check_units(self._condition, lambda name: _UNITS.get(name.rpartition(".")[2].partition("_")[0], ""), key)
         self.signals = frozenset(self._condition.names) - {*OWN_NAMES}
         low, high = self._condition.limits().get(TIME, (0.0, math.inf))
@@ -192,7 +192,7 @@ class StateMachine(SampledBlock):
         self._grips = any(mode.grippers for mode in modes.values())
         if self._grips and np.isnan(first.grippers).any():
             arm = arms[int(np.flatnonzero(np.isnan(first.grippers))[0])]
-            raise BadInputError(f"must say of every arm: {arm!r} is missing", key=f"modes.{start}.grippers")
+            raise BadInputError(f"must have an entry for every arm: {arm!r} is missing", key=f"modes.{start}.grippers")
         self._tares = any(mode.tare for mode in modes.values())
         read = frozenset[str]().union(*(mode.signals for mode in self._modes))
         self._places = {name: components[name] for name in sorted(read)}
@@ -329,5 +329,5 @@ def _components(signals: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, in
             found[port if len(names) == 1 else f"{port}.{name}"] = port, i
     for name in OWN_NAMES:
         if name in found:
-            raise BadInputError(f"{name!r} is no name of a signal: it has a meaning of its own", key="signals")
+            raise BadInputError(f"{name!r} is reserved: must be another name", key="signals")
     return found

@@ -67,7 +67,7 @@ def test_an_arm_joint_with_a_rod_that_follows_it_is_no_gripper(tmp_path):
         f'<robot name="arm"><link name="base_link"/>{arm_xml("acme", effort=100)}{rod}</robot>'
     )
     assert examine_robot(tmp_path).problems == [
-        "joint 'rod' mimics an arm joint, which is not followed here: must be one of held_joints"
+        "joint 'rod' mimics an arm joint, which is not supported: must be one of held_joints"
     ]
 
 

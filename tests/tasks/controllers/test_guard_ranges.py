@@ -18,8 +18,8 @@ GUARD = "touch_force.force_z > 1 and touch.speed_z < 0"
         ("touch_force.force_z > 1 and abs(hold.speed_phi) > 45", "as references within motion_limits are far slower"),
         ("abs(touch.speed_z) < 50", "is always true, as references within motion_limits are far slower"),
         ("touch.z > -20 and reached > 0.5", "'touch.z > -20' is always true, as no arm gets farther"),
-        ("touch_force.force_z == 2", "must be with < or >: touch_force.force_z is hardly ever exactly 2"),
-        ("time == 0.25 and reached == 1", "must be with < or >: time is hardly ever exactly 0.25"),
+        ("touch_force.force_z == 2", "must be a comparison with < or >: touch_force.force_z is hardly ever exactly 2"),
+        ("time == 0.25 and reached == 1", "must be a comparison with < or >: time is hardly ever exactly 0.25"),
     ],
 )
 def test_a_guard_of_another_unit_is_refused(guard: str, told: str) -> None:
@@ -60,7 +60,7 @@ def _pressing(force: float, always: str = "abs(touch_force.force_y) > 80") -> st
 def test_a_guard_that_a_mode_presses_into_is_refused(always: str, force: float) -> None:
     with pytest.raises(BadInputError) as error:
         task_machine(_pressing(force, always))
-    told = "must be false at what modes press with: modes.press.references.touch.z.force presses with 20 N"
+    told = "must be false at the desired forces of the modes: modes.press.references.touch.z.force presses with 20 N"
     assert f"always.0.when = {always!r}: {told}" in str(error.value)
     task_machine(_pressing(0.8 * force, always))
 

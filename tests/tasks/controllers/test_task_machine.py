@@ -161,9 +161,12 @@ def test_what_goes_wrong_ends_in_a_mode_of_its_own(inputs: dict[str, Any], last:
         ),
         (("references: {touch: {z: {by", "references: {tuch: {z: {by"), "modes.press.references.tuch: unknown task"),
         (("    hold: !Arm", "    touch_force: !Arm"), "in guards 'touch_force' is the force on 'touch'"),
-        (("    hold: !Arm", "    stalled: !Arm"), "tasks.stalled: must be called otherwise: in guards"),
+        (("    hold: !Arm", "    stalled: !Arm"), "tasks.stalled: must have another name: in guards"),
         (("gripper_holds.right", "gripper_holds.middle"), "unknown signal 'gripper_holds.middle'"),
-        (("{left: closed, right: closed}", "{left: closed}"), "modes.wait.grippers: must say of every arm: 'right'"),
+        (
+            ("{left: closed, right: closed}", "{left: closed}"),
+            "modes.wait.grippers: must have an entry for every arm: 'right'",
+        ),
     ],
 )
 def test_a_mode_that_does_not_fit_is_told_by_its_key(changed: tuple[str, str], told: str) -> None:

@@ -43,12 +43,13 @@ BAD = {
         lambda modes: changed("stopping", exits=[modes["stopping"].exits[0]] * 2)(modes),
         "modes.stopping.exits.1.when = 'abs(touch.force_z) < 0.5': must be another guard than that of 0",
     ),
-    "no success": (changed("inserted", end="failure", reason="why"), "modes: one of them must be a success"),
+    "no success": (changed("inserted", end="failure", reason="why"), "modes: one of them must have end: success"),
     "a ring of timeouts": (
         lambda modes: without("no_contact")(
             changed("stopping", on_timeout="compliant")(changed("compliant", on_timeout="stopping")(modes))
         ),
-        "modes.stopping.on_timeout = 'compliant': must lead to an end by timeouts alone, not around compliant, stop",
+        "modes.stopping.on_timeout = 'compliant': must lead to an end by timeouts alone, "
+        "not in a loop through compliant, stop",
     ),
     "visits of a mode that begins once": (
         changed("approach", exits=[exit_to("compliant", "insert.z < 0.002 and visits > 3")]),
@@ -66,7 +67,7 @@ BAD = {
         lambda modes: without("missed")(
             changed("approach", on_timeout="resting")(modes) | {"resting": mode(on_timeout="inserted")}
         ),
-        "modes.resting.on_timeout = 'inserted': must be a failure: no guard holds on that way from the start",
+        "modes.resting.on_timeout = 'inserted': must be a failure: timeouts alone lead there from the start",
     ),
     "a gripper ajar": (changed("opening", grippers={"right": "ajar"}), "modes.opening.grippers.right = 'ajar'"),
     "a name with a blank": (lambda modes: modes | {"hold on": end("success")}, "modes = 'hold on': must be named by"),
@@ -109,12 +110,16 @@ def test_a_machine_that_is_one_is_not_refused():
 
 
 def test_a_success_needs_something_that_happens():
-    with pytest.raises(BadInputError, match=r"^modes\.inserted is that of the start: must be no end"):
+    with pytest.raises(BadInputError, match=r"^modes\.inserted is the start mode: must not be an end"):
         check_modes({"inserted": end("success")}, "inserted")
     modes = {"rest": mode(on_timeout="done"), "done": end("success")}
-    with pytest.raises(BadInputError, match=r"^modes: one of them must have exits: nothing that happens matters"):
+    with pytest.raises(
+        BadInputError, match=r"^modes: one of them must have exits: without them no signal has an effect"
+    ):
         check_modes(modes, "rest")
-    with pytest.raises(BadInputError, match=r"^modes\.rest\.on_timeout = 'done': must be a failure: no guard holds on"):
+    with pytest.raises(
+        BadInputError, match=r"^modes\.rest\.on_timeout = 'done': must be a failure: timeouts alone lead"
+    ):
         check_modes(modes | {"bad": end("failure", "x")}, "rest", always=[exit_to("bad", "x > 1")])
     holding = mode(exit_to("stopping", "touch.force_z < 1"), on_timeout="inserted")
     stopping = mode(exit_to("opening", "touch.force_z > 1"), on_timeout="stuck")
@@ -150,7 +155,7 @@ GUARDS = {
     "touch.forcez > 1": "unknown signal 'touch.forcez': did you mean 'touch.force_z'. known: touch.force_x, ",
     "tuch > 1": "unknown signal 'tuch'",
     "touch > 1": "unknown signal 'touch'",
-    "touch.force_z == 'high'": ".*must be of signals and numbers, without texts",
+    "touch.force_z == 'high'": ".*must be a condition on signals and numbers, without texts",
     "open(touch.force_z)": ".*cannot stand here",
     "touch.force_z": r".*must be a comparison of a name, such as time > 0\.5$",
     "touch.force_z >": r".*must be an expression such as time > 0\.5 and abs\(touch\.force_z\) > 1$",
@@ -162,7 +167,7 @@ GUARDS = {
     "reached > 5": ".*reached is 0 or 1: must be able to hold",
     "time < 0": ".*must be true before the timeout, 1 s",
     "touch.force_z > 1 and time >= 5": ".*must be true before the timeout, 1 s",
-    "time > -1": ".*time > -1' is always true: must be able to be false; time > 0 goes on at once",
+    "time > -1": ".*time > -1' is always true: must be able to be false, such as time > 0 for a transition at once",
     "time >= 0": ".*is always true",
     "abs(touch.force_z) > -1": ".*is always true",
     "elapsed > 0": ".*is always true",
@@ -236,7 +241,8 @@ def test_a_guard_that_one_before_it_covers_is_refused(first, second, covered):
         check_modes(modes, "approach")
         return
     with pytest.raises(
-        BadInputError, match=r"^modes\.stopping\.exits\.1\.when = .*another guard than that of 0, which co"
+        BadInputError,
+        match=r"^modes\.stopping\.exits\.1\.when = .*another guard than that of 0, which is checked first",
     ):
         check_modes(modes, "approach")
     modes["stopping"].exits[0].hold = 0.1  # the second one may be sooner
@@ -252,12 +258,12 @@ def test_a_timeout_lasts_a_tick():
 def test_what_is_watched_in_every_mode_can_hold_before_the_timeouts():
     once = changed("stopping", exits=peg()["stopping"].exits[1:])(peg())
     together = sum(mode.timeout or 0.0 for mode in once.values())
-    message = rf"^always\.0\.hold = {together}: must be below all timeouts together, {together:g} s"
+    message = rf"^always\.0\.hold = {together}: must be below the sum of all timeouts, {together:g} s"
     with pytest.raises(BadInputError, match=message):
         check_modes(once, "approach", always=[exit_to("stuck", "touch.force_z > 3", together)])
     check_modes(once, "approach", always=[exit_to("stuck", "touch.force_z > 3", together - 1.0)])
     check_modes(peg(), "approach", always=[exit_to("stuck", "touch.force_z > 3", 99.0)])  # to and fro
-    message = r"^always\.0\.when = 'time > 6': must be true within the longest timeout of a mode, 5 s; over modes there"
+    message = r"^always\.0\.when = 'time > 6': must be true within the longest timeout of a mode, 5 s; the time since the start"
     with pytest.raises(BadInputError, match=message):
         check_modes(peg(), "approach", always=[exit_to("stuck", "time > 6")])
 
@@ -266,7 +272,10 @@ def test_what_is_watched_in_every_mode_can_hold_before_the_timeouts():
     ("change", "message"),
     [
         (changed("opening", grippers={"rigth": "open"}), "modes.opening.grippers: unknown arm 'rigth': did you mean"),
-        (changed("approach", grippers={"left": "open"}), "modes.approach.grippers: must say of every arm: 'right' is"),
+        (
+            changed("approach", grippers={"left": "open"}),
+            "modes.approach.grippers: must have an entry for every arm: 'right' is",
+        ),
     ],
 )
 def test_a_bad_gripper_is_refused(change, message):
@@ -276,7 +285,7 @@ def test_a_bad_gripper_is_refused(change, message):
 
 @pytest.mark.parametrize("name", ["time", "visits"])
 def test_a_signal_with_a_name_that_has_a_meaning_is_refused(name):
-    with pytest.raises(BadInputError, match=f"^signals: '{name}' is no name of a signal"):
+    with pytest.raises(BadInputError, match=f"^signals: '{name}' is reserved: must be another name"):
         StateMachine(peg(), start="approach", signals=PEG_SIGNALS | {name: ("x",)}, arms=("left", "right"))
 
 
