@@ -263,7 +263,7 @@ def test_what_is_watched_in_every_mode_can_hold_before_the_timeouts():
         check_modes(once, "approach", always=[exit_to("stuck", "touch.force_z > 3", together)])
     check_modes(once, "approach", always=[exit_to("stuck", "touch.force_z > 3", together - 1.0)])
     check_modes(peg(), "approach", always=[exit_to("stuck", "touch.force_z > 3", 99.0)])  # to and fro
-    message = r"^always\.0\.when = 'time > 6': must be true within the longest timeout of a mode, 5 s; the time since the start"
+    message = r"^always\.0\.when = 'time > 6': must be true within the longest timeout of a mode, 5 s; the time since"
     with pytest.raises(BadInputError, match=message):
         check_modes(peg(), "approach", always=[exit_to("stuck", "time > 6")])
 
