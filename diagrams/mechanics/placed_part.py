@@ -133,7 +133,7 @@ def parse_part(plant: MultibodyPlant, name: str, config: PartConfig) -> tuple[Ri
     file = config.file()
     if plant.HasModelInstanceNamed(name):
         raise BadInputError(f"part {name!r}: must have another name than the models {_names(plant)}")
-    model = ModelFile.look(file)
+    model = ModelFile.read(file)
     if model.urdf.missing_shapes:
         shapes = "; ".join(model.urdf.missing_shapes)
         raise BadInputError(f" = {config.model!r}: must have its collision shapes: {shapes}", key="model")

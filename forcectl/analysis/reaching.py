@@ -129,7 +129,7 @@ class ReachAnalysis(Config):
             for motion, wanted in zip(motions, target, strict=True):
                 state = task.state(motion)
                 past = progress or Progress(np.full_like(wanted, np.nan), np.inf, 0.0, 0.0, 0.0)
-                progress = watch.look(past, wanted, state.value, state.rate)
+                progress = watch.update(past, wanted, state.value, state.rate)
                 reached.append(progress.reached)
             changes = np.flatnonzero((np.diff(target, axis=0) != 0).any(axis=1))
             begun = changes[-1] + 1 if len(changes) else 0

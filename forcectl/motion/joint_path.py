@@ -217,10 +217,10 @@ class JointExcitationConfig(Config):
         """Add the path, around the start."""
         n, limits = model.num_joints, model.known_robot().limits
         frequency = self.frequency * np.linspace(1.0, self.frequency_spread, n)
-        room = np.minimum(model.start - limits.position_lower, limits.position_upper - model.start)
+        distance = np.minimum(model.start - limits.position_lower, limits.position_upper - model.start)
         # At high frequencies the acceleration limits, and near a position limit its distance, allow less speed.
         fastest = np.minimum(
-            2 * np.pi * frequency * self.room_share * room, limits.acceleration / (2 * np.pi * frequency)
+            2 * np.pi * frequency * self.room_share * distance, limits.acceleration / (2 * np.pi * frequency)
         )
         parts = []
         for i, share in enumerate(self.speed_shares):

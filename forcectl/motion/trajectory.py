@@ -245,13 +245,13 @@ class Planner:
             return state
         planned = state[_LIMITS][0] > 0.0
         own = (np.abs(start - now) <= _SAME * (1.0 + np.abs(start))).all(axis=0) & planned
-        led = self._whole(~own) & ~self._whole(~np.isfinite(start).all(axis=0))
-        if not largest(led):
+        restarted = self._whole(~own) & ~self._whole(~np.isfinite(start).all(axis=0))
+        if not largest(restarted):
             return state
         there = np.zeros(state.shape)
         there[_MOTION], there[_TARGET] = start, state[_TARGET]
         there[_TARGET][0] = np.where(planned, state[_TARGET][0], start[0])
-        return np.where(led, there, state)
+        return np.where(restarted, there, state)
 
     def _planned(self, state: Array, target: Array) -> Array:
         """The trajectory state with a plan to the target within the limits: its own, or a new one from this motion."""

@@ -105,6 +105,6 @@ class TrajectoryGenerator(SampledBatch):
         velocity, mode = inputs.get("target_velocity", self._none), inputs.get("velocity_mode", self._none)
         target = Target(inputs["target_position"], velocity, mode)
         start = [inputs[name] for name in _START if name in inputs]
-        led = Motion(*start) if len(start) == len(_START) else None
+        given = Motion(*start) if len(start) == len(_START) else None
         state, planner = TrajectoryState(memory["trajectory"]), self.values(context)
-        return {"trajectory": planner.follow(state, target, self._period, led)[:]}
+        return {"trajectory": planner.follow(state, target, self._period, given)[:]}

@@ -46,7 +46,7 @@ class ModelFile:
     remarks: tuple[str, ...]
 
     @classmethod
-    def look(cls, path: Path, everything: bool = True) -> ModelFile:
+    def read(cls, path: Path, everything: bool = True) -> ModelFile:
         """Read the file once.
 
         Args:

@@ -155,14 +155,14 @@ def add_robot_with(
     Errors in joints and links that move are added to `refused`, or raised when None.
     """
     arms = parameters.arms or {"arm": _only_arm(parameters)}
-    whole = ModelFile.look(folder / parameters.model, everything=False)
+    whole = ModelFile.read(folder / parameters.model, everything=False)
     models, filters = {whole.name: whole}, []
     tools = {}  # of each arm that has one: its parameters, and what it is called in the plant
     tool_of = _tool_of_each(tool, arms)
     for arm, folder_or_name in tool_of.items():
         tool_at = tool_folder(folder_or_name)
         tool_parameters = load_tool_parameters(tool_at)
-        tool_file = ModelFile.look(tool_at / tool_parameters.model)
+        tool_file = ModelFile.read(tool_at / tool_parameters.model)
         called = tool_file.name if len(arms) == 1 else f"{arm}_{tool_file.name}"
         tools[arm] = tool_parameters, called
         models[called] = tool_file

@@ -51,7 +51,7 @@ class JointStateMonitor:
         self._ones = np.ones(size)
         self._largest_error = check("largest_error", largest_error, "positive")
 
-    def look(self, past: Readings, position: Vector, velocity: Vector, q: Vector) -> Readings:
+    def update(self, past: Readings, position: Vector, velocity: Vector, q: Vector) -> Readings:
         """The memory after a tick.
 
         Args:

@@ -271,14 +271,16 @@ class SelfMotion:
     def step(self, motion: ArmsMotion, period: float, memory: Vector) -> tuple[QuadraticCost, Vector]:
         """See `RememberingCriterion`."""
         wanted, after = np.zeros(len(motion.v)), []
-        for (name, joints), (way, gone, stopped) in zip(self._arms.items(), memory.reshape(-1, 3), strict=True):
+        for (name, joints), (direction, displacement, stopped) in zip(
+            self._arms.items(), memory.reshape(-1, 3), strict=True
+        ):
             null, speed = self._along(motion, name)
-            wanted[joints] = way * speed * null
-            on = way * (null @ motion.v[joints])
-            gone += period * max(on, 0.0)
+            wanted[joints] = direction * speed * null
+            on = direction * (null @ motion.v[joints])
+            displacement += period * max(on, 0.0)
             stopped = stopped + period if on < 0.1 * speed else 0.0
-            turns = gone >= self._range or stopped >= _STOPPED
-            after += [-way, 0.0, 0.0] if turns else [way, gone, stopped]
+            turns = displacement >= self._range or stopped >= _STOPPED
+            after += [-direction, 0.0, 0.0] if turns else [direction, displacement, stopped]
         return _towards(motion, wanted, self._time, period), np.array(after)
 
     def _along(self, motion: ArmsMotion, arm: str) -> tuple[Vector, float]:

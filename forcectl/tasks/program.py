@@ -197,8 +197,8 @@ class TaskProgram:
             before = share @ smooth.last
             if before @ v < 0.0:  # the null-space motion brakes: no term
                 return level
-            room = np.where(before > 0.0, smooth.last - smooth.lower, smooth.upper - smooth.last)
-            least = smallest(room / np.maximum(np.abs(before), _TINY))
+            margin = np.where(before > 0.0, smooth.last - smooth.lower, smooth.upper - smooth.last)
+            least = smallest(margin / np.maximum(np.abs(before), _TINY))
             gradient = gradient - (1.0 - min(max(_CALMING * least, 0.0), 1.0)) * before
         return Level(hessian + share, gradient, J)
 

@@ -47,7 +47,7 @@ class TaskProgress:
         self._scale = 1.0 / tolerance
         self._patience = check("patience", patience, "positive") / period
 
-    def look(self, past: Progress, target: Vector, value: Vector, rate: Vector) -> Progress:
+    def update(self, past: Progress, target: Vector, value: Vector, rate: Vector) -> Progress:
         """The progress after a tick; unchanged while the target is not finite.
 
         Args:

@@ -315,18 +315,18 @@ class ReactiveController(SampledBlock):
         # Coordinates that are not followed have no error.
         position, velocity = mode.where_followed(position, x), mode.where_followed(velocity, rate)
         acceleration = mode.where_followed(inputs.get("task_acceleration_reference", a), a)
-        led, missed, costs = (x, rate, a), 0.0, np.zeros(0)
+        start, missed, costs = (x, rate, a), 0.0, np.zeros(0)
         if posed is not None and found.levels > 0:
             error = x - position
             missed = largest(np.abs(error) / self._tolerance)
             costs = np.array([*mode.program.costs(error, rate - velocity), mode.program.criterion(posed, u)])
             ahead = None if target is None else mode.where_followed(target, x)
-            led = self._reference_reset.start(led, (position, velocity, acceleration), ahead)
+            start = self._reference_reset.start(start, (position, velocity, acceleration), ahead)
         progress = Progress(*(memory[name] for name in Progress._fields))
         if switched:
             progress = Progress(np.full(self._size, np.nan), np.inf, 0.0, 0.0, 0.0)
         if target is not None:
-            progress = self._progress.look(
+            progress = self._progress.update(
                 progress, target, mode.where_followed(x, target), mode.where_followed(rate, 0.0)
             )
         predicted, levels, criterion = self._sizes
@@ -351,14 +351,14 @@ class ReactiveController(SampledBlock):
             **progress._asdict(),
             "stage_costs": longer(costs, levels),
             "criterion": memory["criterion"] if posed is None else longer(posed.criterion_memory, criterion),
-            **{f"task_{name}": value for name, value in zip(_QUANTITIES, led, strict=True)},
+            **{f"task_{name}": value for name, value in zip(_QUANTITIES, start, strict=True)},
         }
 
     def _tick(self, context: Context, start: TickStart) -> Tick:
         """A tick before its programs are solved."""
         memory, inputs = start
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
-        readings, stops = self._look(start)
+        readings, stops = self._monitored(start)
         position, velocity = inputs["task_position_reference"], inputs["task_velocity_reference"]
         motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
         if self._bands:
@@ -387,12 +387,12 @@ class ReactiveController(SampledBlock):
             posed = mode.program.pose(motion, rows, state, position, velocity, smooth, criterion)
         return Tick(rows, state, readings, posed, number, switched)
 
-    def _look(self, start: TickStart) -> tuple[Readings, bool]:
+    def _monitored(self, start: TickStart) -> tuple[Readings, bool]:
         """The joint measurements of this tick, and whether they stop the motion."""
         memory, inputs = start
         past = Readings(*(memory[name] for name in Readings._fields))
         if "joint_position" not in inputs:
             return past, False
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
-        readings = self._monitor.look(past, inputs["joint_position"], inputs.get("joint_velocity", v), q)
+        readings = self._monitor.update(past, inputs["joint_position"], inputs.get("joint_velocity", v), q)
         return readings, self._monitor.stops(readings)

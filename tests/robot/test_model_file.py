@@ -26,7 +26,7 @@ def test_nothing_is_fetched_from_a_network(tmp_path, monkeypatch, inside):
     file, plant, geometry = write_sdf(tmp_path, inside), MultibodyPlant(time_step=0.0), SceneGraph()
     plant.RegisterAsSourceForSceneGraph(geometry)
     with pytest.raises(BadInputError, match=r"own\.sdf: .*drake_models") as caught:
-        parse_models(plant, {"own": ModelFile.look(file)}, [])
+        parse_models(plant, {"own": ModelFile.read(file)}, [])
     assert "download" not in str(caught.value)
     assert not (tmp_path / "cache").exists()
 
@@ -87,7 +87,7 @@ WRONG = [
 def test_what_is_wrong_in_an_sdf_is_one_line(tmp_path, old, new, message):
     assert old in ARM
     with pytest.raises(BadInputError, match=r"^own\.sdf: cannot be read: ") as caught:
-        ModelFile.look(write_sdf(tmp_path, ARM.replace(old, new)))
+        ModelFile.read(write_sdf(tmp_path, ARM.replace(old, new)))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -105,7 +105,7 @@ def test_what_is_wrong_in_an_sdf_is_one_line(tmp_path, old, new, message):
     ],
 )
 def test_what_sdf_says_in_its_own_way_is_read(tmp_path, old, new):
-    assert ModelFile.look(write_sdf(tmp_path, ARM.replace(old, new))).bodies == ("base", "hand")
+    assert ModelFile.read(write_sdf(tmp_path, ARM.replace(old, new))).bodies == ("base", "hand")
 
 
 @pytest.mark.parametrize(
@@ -122,9 +122,9 @@ def test_what_only_counts_where_it_moves_is_a_conditional_fault(tmp_path, old, n
     file = write_sdf(tmp_path, ARM.replace(old, new))
     if about is None:
         with pytest.raises(BadInputError, match=r"^own\.sdf: cannot be read: "):
-            ModelFile.look(file, everything=False)
+            ModelFile.read(file, everything=False)
         return
-    (fault,) = ModelFile.look(file, everything=False).conditional_faults
+    (fault,) = ModelFile.read(file, everything=False).conditional_faults
     assert (fault.joint, fault.link) == about
 
 
@@ -134,7 +134,7 @@ def test_a_file_that_an_sdf_includes_has_masses(tmp_path, mass):
     (tmp_path / "other.sdf").write_text(f"<sdf version='1.9'><model name='other'>{inside}</model></sdf>")
     file = write_sdf(tmp_path, f"<include merge='true'><uri>file://{tmp_path}/other.sdf</uri></include>")
     with pytest.raises(BadInputError, match=r"own\.sdf: cannot be used: .* must have masses") as caught:
-        parse_models(MultibodyPlant(time_step=0.0), {"own": ModelFile.look(file)}, [])
+        parse_models(MultibodyPlant(time_step=0.0), {"own": ModelFile.read(file)}, [])
     assert "bazel" not in str(caught.value)
 
 
@@ -144,4 +144,4 @@ def test_a_file_that_has_changed_is_read_again(tmp_path):
         joint = '<joint name="j" type="fixed"><parent link="base"/><child link="hand"/></joint>' if names[1:] else ""
         links = "".join(f'<link name="{name}"/>' for name in names)
         file.write_text(f'<robot name="own">{links}{joint}</robot>')
-        assert ModelFile.look(file).bodies == names
+        assert ModelFile.read(file).bodies == names

@@ -20,7 +20,7 @@ def state(read: np.ndarray, command: np.ndarray, speed: np.ndarray = NONE) -> li
     """Readings (k, 2) with their commands (k, 2)."""
     found, past = [], BEGIN
     for position, q in zip(read, command, strict=True):
-        past = monitor().look(past, position, speed, q)
+        past = monitor().update(past, position, speed, q)
         found.append(past)
     return found
 

@@ -12,7 +12,7 @@ NONE = np.zeros(2)
 def state(errors: list[float], target: np.ndarray = TARGET, speed: float = 0.0) -> list[Progress]:
     watch, past, found = TaskProgress(np.array([0.1, 0.2]), 0.05, PERIOD), BEGIN, []
     for error in errors:
-        past = watch.look(past, target, target + np.array([0.0, error]), NONE + speed)
+        past = watch.update(past, target, target + np.array([0.0, error]), NONE + speed)
         found.append(past)
     return found
 
@@ -34,6 +34,6 @@ def test_stalled_after_its_patience_without_coming_nearer() -> None:
 def test_progress_and_a_new_target_end_it() -> None:
     stuck = state([1.0] * 8)[-1]
     watch = TaskProgress(np.array([0.1, 0.2]), 0.05, PERIOD)
-    assert watch.look(stuck, TARGET, TARGET + np.array([0.0, 0.5]), NONE).stalled == 0
-    assert watch.look(stuck, TARGET + 1.0, TARGET, NONE).stalled == 0
-    assert watch.look(stuck, TARGET * np.nan, TARGET, NONE) == stuck
+    assert watch.update(stuck, TARGET, TARGET + np.array([0.0, 0.5]), NONE).stalled == 0
+    assert watch.update(stuck, TARGET + 1.0, TARGET, NONE).stalled == 0
+    assert watch.update(stuck, TARGET * np.nan, TARGET, NONE) == stuck

@@ -190,7 +190,7 @@ def _is_model(file: Path) -> bool:
 
 def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> None:
     """Examine keys and model; each wrong key is reported and left out, until the rest can be used."""
-    file = ModelFile.look(model, everything=False)
+    file = ModelFile.read(model, everything=False)
     report.read = True
     report.notes += [*file.urdf.notes, *file.remarks]
     plant = MultibodyPlant(time_step=0.0)

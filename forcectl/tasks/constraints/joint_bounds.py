@@ -149,8 +149,8 @@ class JointBounds:
 
     def mobility(self, q: Vector) -> Vector | None:
         """Ability of each joint to move, from 0 at a position limit to 1 away from it (n,) [1]; None: all are 1."""
-        room = np.minimum(self._high - q, q - self._low)
-        return None if smallest(room) >= _NEAR else np.minimum(np.maximum(room / _NEAR, 0.0), 1.0)
+        distance = np.minimum(self._high - q, q - self._low)
+        return None if smallest(distance) >= _NEAR else np.minimum(np.maximum(distance / _NEAR, 0.0), 1.0)
 
     def _unbound(self, q: Vector, v: Vector) -> bool:
         """Whether all joints are too far from their position limits for a bound, and within their speed limits."""

@@ -103,7 +103,7 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Seque
             allowed = f"true within the longest timeout of a mode, {longest:g} s; the time since the start is elapsed"
             raise invalid(f"always.{i}.when", exit_.when, allowed)
     for name, mode in modes.items():
-        _check_ways(f"modes.{name}", name, mode, modes)
+        _check_transitions(f"modes.{name}", name, mode, modes)
         for arm, state in mode.grippers.items():
             if state not in GRIPPERS:
                 raise invalid(f"modes.{name}.grippers.{arm}", state, "open or closed")
@@ -147,8 +147,8 @@ def check_able(
         condition = Expression(exit_.when, f"{place}.{i}.when", GUARD_EXAMPLE)
         for part, holds in condition.settled(ranges):
             shown = "" if part == condition.text.strip() else f": {part!r}"
-            way = ("false", "be able to hold"), ("true", "be able to be false")
-            always, allowed = way[holds]
+            results = ("false", "be able to hold"), ("true", "be able to be false")
+            always, allowed = results[holds]
             fault = f" = {condition.text!r}{shown} is always {always}, as {because}: must {allowed}"
             raise BadInputError(fault, key=f"{place}.{i}.when")
 
@@ -219,7 +219,7 @@ def _check_mode(key: str, name: str, modes: Modes) -> None:
         raise unknown("mode", name, modes).at(key)
 
 
-def _check_ways(place: str, name: str, mode: MachineModeConfig, modes: Modes) -> None:
+def _check_transitions(place: str, name: str, mode: MachineModeConfig, modes: Modes) -> None:
     """Refuse faults of one mode by itself; `place` is its key."""
     if mode.end:
         for key in ("exits", "timeout", "on_timeout"):
@@ -273,12 +273,12 @@ def _check_open(key: str, condition: Expression, first: Mapping[str, tuple[float
     ranges = {name: (0.0, 1.0) for name in condition.names if name.partition(".")[0] in SWITCHES} | _RANGES
     for part, holds in condition.settled(ranges):
         shown = "" if part == condition.text.strip() else f": {part!r}"
-        way = (
+        fault = (
             "true: must be able to be false, such as time > 0 for a transition at once"
             if holds
             else "false: must be able to hold"
         )
-        raise BadInputError(f" = {condition.text!r}{shown} is always {way}", key=key)
+        raise BadInputError(f" = {condition.text!r}{shown} is always {fault}", key=key)
     if condition.always_holds({**ranges, **first}):
         raise BadInputError(f" = {condition.text!r} is true from the first tick on: must be false there", key=key)
 
@@ -302,12 +302,12 @@ def _targets(mode: MachineModeConfig) -> list[str]:
 
 def _check_timeouts(name: str, modes: Modes) -> None:
     """Refuse a mode from which the timeouts lead around a ring."""
-    *way, last = _way_of_timeouts(name, modes)
+    *path, last = _path_of_timeouts(name, modes)
     if not modes[last].end:
-        ring = ", ".join(way[way.index(last) :])
+        ring = ", ".join(path[path.index(last) :])
         raise BadInputError(
             f" = {last!r}: must lead to an end by timeouts alone, not in a loop through {ring}",
-            key=f"modes.{way[-1]}.on_timeout",
+            key=f"modes.{path[-1]}.on_timeout",
         )
 
 
@@ -315,10 +315,10 @@ def _check_successes(modes: Modes, start: str, on_bad_signal: str, always: Seque
     """Refuse a success that does not depend on any guard; the modes by themselves are checked before."""
     if not always and not any(mode.exits for mode in modes.values()):
         raise BadInputError("one of them must have exits: without them no signal has an effect", key="modes")
-    if on_bad_signal and modes[_way_of_timeouts(on_bad_signal, modes)[-1]].end == "success":
+    if on_bad_signal and modes[_path_of_timeouts(on_bad_signal, modes)[-1]].end == "success":
         allowed = "a failure, or a mode whose timeout leads to one: missing signals must not end in a success"
         raise invalid("on_bad_signal", on_bad_signal, allowed)
-    *waiting, last = _way_of_timeouts(start, modes)
+    *waiting, last = _path_of_timeouts(start, modes)
     if modes[last].end == "success":
         allowed = "a failure: timeouts alone lead there from the start. A guard such as time > 2 may lead to a success"
         raise invalid(f"modes.{waiting[-1]}.on_timeout", last, allowed)
@@ -331,9 +331,9 @@ def _check_successes(modes: Modes, start: str, on_bad_signal: str, always: Seque
                 raise invalid(f"modes.{name}.on_timeout", mode.on_timeout, allowed)
 
 
-def _way_of_timeouts(name: str, modes: Modes) -> list[str]:
+def _path_of_timeouts(name: str, modes: Modes) -> list[str]:
     """Modes that follow each other while no guard holds, up to an end or to the first mode that is repeated."""
-    way = [name]
-    while not modes[way[-1]].end and way[-1] not in way[:-1]:
-        way.append(modes[way[-1]].on_timeout)
-    return way
+    path = [name]
+    while not modes[path[-1]].end and path[-1] not in path[:-1]:
+        path.append(modes[path[-1]].on_timeout)
+    return path

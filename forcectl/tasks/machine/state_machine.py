@@ -187,7 +187,7 @@ class StateMachine(SampledBlock):
         components = _components(signals)
         self._modes = [self._built(name, mode, always, components, arms) for name, mode in modes.items()]
         self._bad_mode = self._numbers_of.get(on_bad_signal)
-        self._watched = len(always)
+        self._num_always = len(always)
         first = self._modes[self._numbers_of[start]]
         self._grips = any(mode.grippers for mode in modes.values())
         if self._grips and np.isnan(first.grippers).any():
@@ -236,9 +236,9 @@ class StateMachine(SampledBlock):
         arms: Sequence[str],
     ) -> _Mode:
         place, exits = f"modes.{name}", []
-        ways = [(f"always.{i}", i, exit_) for i, exit_ in enumerate(always) if exit_.to != name and not mode.end]
-        ways += [(f"{place}.exits.{i}", len(always) + i, exit_) for i, exit_ in enumerate(mode.exits)]
-        for key, counter, exit_ in ways:
+        transitions = [(f"always.{i}", i, exit_) for i, exit_ in enumerate(always) if exit_.to != name and not mode.end]
+        transitions += [(f"{place}.exits.{i}", len(always) + i, exit_) for i, exit_ in enumerate(mode.exits)]
+        for key, counter, exit_ in transitions:
             guard = Guard(exit_.when, f"{key}.when", list(components))
             low, high = guard.times
             if math.floor(high / self._tick + _TINY) < math.ceil(low / self._tick - _TINY):
@@ -273,23 +273,23 @@ class StateMachine(SampledBlock):
         gap = memory["gap"] + 1.0 if bad else 0.0
         all_ticks = memory["all_ticks"] + 1.0
         values |= {TIME: ticks * self._tick, VISITS: memory["visits"].item(number), ELAPSED: all_ticks * self._tick}
-        held, way = np.zeros_like(memory["held"]), None
+        held, transition = np.zeros_like(memory["held"]), None
         for exit_ in mode.exits:
             value = exit_.guard.value_if_true(values)
             if value is not None:
                 held[exit_.counter] = memory["held"][exit_.counter] + 1.0
-                if held[exit_.counter] > exit_.hold and way is None:
-                    way = exit_.target, value
-        if way is None and self._bad_mode not in (None, number) and gap > self._gap:
-            way = self._bad_mode, gap * self._tick
-        if way is None and ticks >= mode.timeout:
-            way = mode.on_timeout, values[TIME]
+                if held[exit_.counter] > exit_.hold and transition is None:
+                    transition = exit_.target, value
+        if transition is None and self._bad_mode not in (None, number) and gap > self._gap:
+            transition = self._bad_mode, gap * self._tick
+        if transition is None and ticks >= mode.timeout:
+            transition = mode.on_timeout, values[TIME]
         after = {**memory, "gap": gap, "all_ticks": all_ticks}
-        if way is None:
+        if transition is None:
             return after | {"ticks": ticks, "time_in_mode": values[TIME], "held": held}
-        held[self._watched :] = 0.0
-        after |= {"held": held, "transition": memory["transition"] + 1.0, "transition_value": way[1]}
-        return self._begun(after, way[0])
+        held[self._num_always :] = 0.0
+        after |= {"held": held, "transition": memory["transition"] + 1.0, "transition_value": transition[1]}
+        return self._begun(after, transition[0])
 
     def _begun(self, memory: Memory, number: int) -> dict[str, Any]:
         """The memory at the tick that begins a mode."""
