@@ -86,14 +86,14 @@ class LoopMargins(Margins):
     def __str__(self) -> str:
         where = f"Without friction, !{self.law} on {self.stiffness:.4g} N/m ({self.contact}):"
         if math.isnan(self.gain):
-            return f"{where} {'stable' if self.stable else 'unstable'}; its delay is too long to look for margins"
+            return f"{where} {'stable' if self.stable else 'unstable'}; its delay is too long to compute margins"
         largest = f"up to {self.largest_stiffness:.4g} N/m" if self.largest_stiffness < math.inf else "on any surface"
         if not self.stable:
             return f"{where} unstable; stable {largest}, or with {self.gain:.3g} times the gain"
         names = {"gain": "times", "phase": "deg", "delay": "s"}
         margins = {name: getattr(self, name) for name in names}
-        told = [f"{name} {value:.3g} {names[name]}" for name, value in margins.items() if _finite(value)]
-        return f"{where} stable, and {largest}; margins: {', '.join(told) or 'any'}"
+        finite = [f"{name} {value:.3g} {names[name]}" for name, value in margins.items() if _finite(value)]
+        return f"{where} stable, and {largest}; margins: {', '.join(finite) or 'unlimited'}"
 
 
 def loop_margins(parts: Any, setting: Setting) -> list[LoopMargins]:

@@ -54,8 +54,8 @@ def _of_port(name: str, port: OutputPort, workcell: Workcell) -> Components | No
     if made is not None and len(made.labels) == size:
         return made
     if declared:
-        says = shape if isinstance(shape, str) else ", ".join(shape.labels)
-        raise _wrong(port, f"has size {size}", f"{len(made.labels) if made else 'one of SIGNALS'} ({says})")
+        labels = shape if isinstance(shape, str) else ", ".join(shape.labels)
+        raise _wrong(port, f"has size {size}", f"{len(made.labels) if made else 'one of SIGNALS'} ({labels})")
     return numbered(name, size) if size > 1 else None
 
 

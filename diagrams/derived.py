@@ -50,7 +50,7 @@ def joint_and_tool_signals(
     """
     joints = ("joint", tuple(workcell.robot.parameters.arm_joints))
     sticks = np.where(np.isnan(speeds), np.nan, (speeds == 0.0).astype(float))
-    text = "1 where the friction holds the motor: it stands still, exactly"
+    text = "1 where the motor sticks: friction holds it at zero speed"
     found = {"stick_state": Derived("1", sticks, text, *joints, meanings=("moves", "sticks"))}
     if workcell.config.elastic_joints:
         torques = workcell.spring_stiffness * (motors - links)
@@ -58,7 +58,7 @@ def joint_and_tool_signals(
         needed = getattr(workcell.config.drive, "needed_torque", None)
         if needed is not None and not torque_known:
             share = needed(workcell, torques, speeds) / workcell.robot.limits.torque
-            text = "of its torque limit, the most that each motor may have to give; above 1 a real one could not"
+            text = "largest torque that each motor may need, divided by its limit; above 1: more than a real motor has"
             found["torque_share"] = Derived("1", share, text, *joints)
     arms = list(workcell.robot.parts.arms)
     positions, quaternions = _poses(workcell, arms, links)

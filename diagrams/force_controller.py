@@ -54,7 +54,7 @@ class ForceController(PythonDiagram):
     [rad, rad/s, rad]; the last is the joint motion in the unconstrained directions, from the start posture.
     joint_position_command: shape (n_q,) [rad]. Feedthrough of desired_force, measured_force and unconstrained_reference
     at the tick. Feedthrough of motor_position when the law predicts.
-    joint_velocity_command: shape (n_q,) [rad/s], of a law that puts out a displacement_velocity_command, where the
+    joint_velocity_command: shape (n_q,) [rad/s], of a law that outputs a displacement_velocity_command, where the
     Jacobian is constant. Feedthrough of desired_force and measured_force.
     displacement_command: shape (k,) [m]. Feedthrough of desired_force and measured_force at the tick. Feedthrough of
     motor_position when the law predicts.
@@ -116,10 +116,10 @@ class ForceController(PythonDiagram):
             none = add("path_displacement", ConstantVectorSource(np.zeros(model.size)))
             connect(none.get_output_port(), law.GetInputPort("path_displacement"))
         elif "path_displacement" in input_names(law):
-            asked = add("asked_position", affine(np.eye(n_q), q_0))
-            builder.ConnectInput(unconstrained, asked.get_input_port())
-            wanted = asked.get_output_port()
-            self._displace(builder, "path_displacement", law, model, lambda port: connect(wanted, port))
+            position_on_path = add("unconstrained_position", affine(np.eye(n_q), q_0))
+            builder.ConnectInput(unconstrained, position_on_path.get_input_port())
+            on_path = position_on_path.get_output_port()
+            self._displace(builder, "path_displacement", law, model, lambda port: connect(on_path, port))
         if "sliding" in input_names(law):
             slides = add("sliding", Sliding(n_q, model.size, period=model.period))
             builder.ConnectInput(unconstrained, slides.get_input_port())

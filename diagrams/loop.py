@@ -185,7 +185,7 @@ def build_loop(parts: LoopParts) -> Loop:
         signals.connect(f"estimators.{name}", system, optional_inputs(system))
     for name in getattr(controller, "guard_inputs", ()):
         if name not in signals.chosen and not signals.offers(name):
-            needed = f"null, or a part must put out {name}, such as `estimators: {{force: !ForceEstimator {{}}}}`"
+            needed = f"null, or a part must output {name}, such as `estimators: {{force: !ForceEstimator {{}}}}`"
             raise invalid("guard.maximum_force", getattr(parts.guard, "maximum_force", None), needed)
     signals.connect("controller", controller, optional_inputs(controller))
     _command(builder, controller, station)
@@ -194,7 +194,7 @@ def build_loop(parts: LoopParts) -> Loop:
             check_names(builder, systems)
     makers = {"station": station, **sources, "controller": controller}
     makers |= {f"estimators.{name}": system for name, system in estimators.items()}
-    _check_apart(makers, parts.signals)
+    _check_makers(makers, parts.signals)
     ports = _logged(parts, sources, station, controller, estimators) | signals.chosen
     sink, logged = add_log(builder, ports, workcell.period, components_of(ports, workcell))
     diagram = builder.Build()
@@ -209,7 +209,7 @@ def build_loop(parts: LoopParts) -> Loop:
 def _check_forces(station: Diagram, surfaces: int) -> None:
     """Refuse a station whose true force does not have one component for each surface."""
     if station.HasOutputPort("contact_force") and (size := station.GetOutputPort("contact_force").size()) != surfaces:
-        fault = f" puts out contact_force of size {size}: must be {surfaces}, one for each surface"
+        fault = f" outputs contact_force of size {size}: must be {surfaces}, one for each surface"
         raise BadInputError(fault, key="station.fidelity")
 
 
@@ -243,7 +243,7 @@ def check_range(parts: LoopParts) -> None:
         raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
 
 
-def _check_apart(makers: Mapping[str, System], chosen: Collection[str]) -> None:
+def _check_makers(makers: Mapping[str, System], chosen: Collection[str]) -> None:
     """Refuse true signals that do not come from the station, and two outputs of one name without a choice.
 
     If two estimators have several outputs in common, a choice for one of these is enough.
@@ -262,12 +262,12 @@ def _check_apart(makers: Mapping[str, System], chosen: Collection[str]) -> None:
                 continue  # an internal signal of the controller; estimators may use the same name
             other = known.setdefault(name, key)
             if name in TRUTH and key != "station":
-                fault = f" puts out {name}, which only the simulation knows: must be another name"
+                fault = f" outputs {name}, a true signal that only the simulation has: must be another name"
                 raise BadInputError(fault, key=key)
             alike = other.startswith("estimators.")
             common = set(output_names(system)) & set(output_names(makers[other])) if alike else {name}
             if other != key and not common & set(chosen):
-                fault = f" puts out {name}, as {other} does: must be another name, or have signals.{name} to choose"
+                fault = f" outputs {name}, as {other} does: must be another name, or have signals.{name} to choose"
                 raise BadInputError(fault, key=key)
 
 
@@ -289,11 +289,11 @@ def _command(builder: DiagramBuilder, controller: Diagram, station: Diagram) -> 
         name = port.get_name()
         if not station.HasInputPort(name):
             continue
-        wanted = station.GetInputPort(name)
-        if port.size() != wanted.size():
-            fault = f"{name} has size {port.size()}: must be {wanted.size()}, as the station takes it"
+        command = station.GetInputPort(name)
+        if port.size() != command.size():
+            fault = f"{name} has size {port.size()}: must be {command.size()}, as at the station"
             raise BadInputError(fault, key="controller")
-        builder.Connect(port, wanted)
+        builder.Connect(port, command)
 
 
 def _logged(
@@ -321,8 +321,8 @@ def _logged(
         for port in map(system.get_output_port, range(system.num_output_ports())):
             vector = port.get_data_type() == PortDataType.kVectorValued
             small = port.size() == 1 or port.get_name() == "displacement_command"
-            wanted = everything or small or system is not controller
-            if vector and wanted:
+            chosen = everything or small or system is not controller
+            if vector and chosen:
                 ports[port.get_name()] = port
     # Last, so that an error is about the signal that it comes from.
     if not constant and controller.HasOutputPort("joint_position_command"):

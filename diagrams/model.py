@@ -30,7 +30,7 @@ NO_LAG = (1e4, 1.0, 0.0)
 # Coulomb and viscous friction count as exchanged if the mean |log| of their ratio to the robot's own exceeds _FAR, and
 # an exchange would divide it by more than _NEARER: off by a factor of 1.6 as given, by 13 % after an exchange.
 _FAR, _NEARER = 0.5, 4.0
-_APART = 100.0  # largest factor between identified Coulomb friction and the robot's own, either way
+_LARGEST_RATIO = 100.0  # largest factor between identified Coulomb friction and the robot's own, either way
 
 
 @dataclass(kw_only=True)
@@ -54,7 +54,7 @@ class FrictionFile(Config):
             if len(values := getattr(self, name)) != len(self.joints):
                 raise invalid(name, values.tolist(), f"{len(self.joints)} numbers, one for each of joints")
         if not (self.coulomb.any() or self.viscous_forward.any() or self.viscous_backward.any()):
-            raise invalid("coulomb", self.coulomb.tolist(), "above zero somewhere, or the viscous parts")
+            raise invalid("coulomb", self.coulomb.tolist(), "above zero for some joint, unless a viscous part is")
 
     def of(self, robot: RobotModel) -> JointFriction:
         """The friction in the order of a robot's joints.
@@ -74,11 +74,12 @@ class FrictionFile(Config):
         wrong = {"coulomb": beyond_coulomb(found.coulomb + np.abs(found.offset), torque)}
         wrong |= {name: beyond_viscous(getattr(found, name), torque, speed) for name in FRICTION_KEYS[2:]}
         own = robot.parameters.coulomb_friction
-        if found.coulomb.any() and own.any() and not 1 / _APART <= found.coulomb.sum() / own.sum() <= _APART:
-            wrong["coulomb"] = f"in Nm, within {_APART:g} times the robot's {own.tolist()}"
+        ratio = found.coulomb.sum() / own.sum() if own.any() else 1.0
+        if found.coulomb.any() and not 1 / _LARGEST_RATIO <= ratio <= _LARGEST_RATIO:
+            wrong["coulomb"] = f"in Nm, within {_LARGEST_RATIO:g} times the robot's {own.tolist()}"
         if _exchanged(found, robot):
             usual = f"{own.tolist()} Nm and {robot.parameters.viscous_friction.tolist()} Nms/rad"
-            wrong["coulomb"] = f"another one than viscous_forward: exchanged they would be near the robot's {usual}"
+            wrong["coulomb"] = f"X would be near the robot's {usual}"
         for name, allowed in wrong.items():
             if allowed:
                 raise invalid(name, getattr(self, name).tolist(), allowed)

@@ -58,7 +58,7 @@ class OneDimensionalLoopConfig(Config, in_batches=True):
         super().__post_init__()
         if not self.environment.surface.uniform:
             raise BadInputError(
-                " is not flat and of one material: must be, a loop without a robot does not move",
+                " is not flat and of one material: must be, as a loop without a robot does not move along it",
                 key="environment.surface",
             )
 

@@ -45,7 +45,11 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
             if fault.kind == "noise" and fault.value > (most := _LOUDEST * self.range):
                 raise invalid(f"faults.{i}.value", fault.value, f"at most {most:g} N, {_LOUDEST:g} times range")
             if fault.kind == "noise" and fault.value < (least := _SILENT * max(self.noise_std, self.quantum)):
-                raise invalid(f"faults.{i}.value", fault.value, f"at least {least:g} N: the sensor's own hides it")
+                raise invalid(
+                    f"faults.{i}.value",
+                    fault.value,
+                    f"at least {least:g} N: the sensor's own noise and quantum hide a smaller one",
+                )
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> Diagram:
         """Add the block `force_sensor`.
@@ -169,7 +173,9 @@ class WristForce(PythonDiagram):
         mounting = site.mountings[0]
         if mounting is None:
             other = "must be a sensor of contact_force, as for every block of one's own in station.fidelity = Multibody"
-            raise BadInputError(f"environment {contact.name!r} has no body to tell its force by: {other}")
+            raise BadInputError(
+                f"environment {contact.name!r} has no body whose force a wrist sensor could measure: {other}"
+            )
         scale = config.channel_scale()
         builder = DiagramBuilder()
         sensor = builder.AddNamedSystem(
@@ -291,7 +297,7 @@ class ContactTruthConfig(Config):
             if by is not None and part.bodies >= on and part.config.hand:
                 for other in site.held:
                     if other.bodies >= by and other.config.hand == part.config.hand:
-                        apart = f"held by another arm than {self.on}: both are in the {part.config.hand} hand"
-                        raise invalid("by", self.by, apart)
+                        allowed = f"held by another arm than {self.on}: both are in the {part.config.hand} hand"
+                        raise invalid("by", self.by, allowed)
         frame = frame_called(site.plant, self.frame, "frame")
         return builder.AddNamedSystem("contact_wrench", ContactWrench(site.plant, on, by, frame, len(site.pairs)))

@@ -43,12 +43,12 @@ class SignalChoice(Protocol):
 
 @dataclass(kw_only=True)
 class FromConfig(Config):
-    """Scenario part `!From`: a signal that the named part puts out.
+    """Scenario part `!From`: a signal that the named part outputs.
 
     With several force sensors, controllers are designed with the lag of the first.
     """
 
-    part: str = key(meaning="part that puts the signal out: station, reference, motion, or the name of an estimator")
+    part: str = key(meaning="part that outputs the signal: station, reference, motion, or the name of an estimator")
     signal: str = key(
         "",
         "name of the signal in that part; empty: the same name. Signals of a second sensor begin with the sensor's "
@@ -59,14 +59,14 @@ class FromConfig(Config):
         """The port of that part.
 
         Raises:
-            BadInputError: there is no such part, or it puts out no signal of this name.
+            BadInputError: there is no such part, or it outputs no signal of this name.
         """
         wanted = self.signal or name
         if self.part not in signals.parts():
             raise unknown("part", self.part, signals.parts())
         offers = signals.offers(wanted)
         if not offers:
-            fault = f"nothing puts out {wanted}: must be a signal that can be measured"
+            fault = f"no part outputs {wanted}: must be a signal that can be measured"
             raise BadInputError(fault, key=f"signals.{name}")
         if self.part not in offers:
             raise unknown("part", self.part, offers)
@@ -198,7 +198,7 @@ class Signals:
 
     Attributes:
         chosen: the ports that the scenario chose, by the name of the signal.
-        several: by the name of each signal that several sensors put out, its name at the station for each sensor.
+        several: by the name of each signal that several sensors output, its name at the station for each sensor.
     """
 
     def __init__(self, builder: DiagramBuilder, truth: frozenset[str], readings: Mapping[str, str]):
@@ -231,7 +231,7 @@ class Signals:
         """The port that is the signal of this name.
 
         Raises:
-            BadInputError: no part puts it out, or several do and the scenario does not choose; or it is a true signal.
+            BadInputError: no part outputs it, or several do and the scenario does not choose; or it is a true signal.
         """
         if name in self.chosen:
             return self.chosen[name]
@@ -240,20 +240,18 @@ class Signals:
         if list(offers) == ["station"] and name in self.several:
             sensors, called = ", ".join(map(repr, self.several[name])), ", ".join(self.several[name].values())
             choice = f"signals.{name} to choose, a `!From {{part: station, signal: ...}}` of {called}"
-            raise BadInputError(
-                f" wants {name}, which the sensors {sensors} put out: must have {choice}", key=wanted_by
-            )
+            raise BadInputError(f" reads {name}, which the sensors {sensors} output: must have {choice}", key=wanted_by)
         if len(offers) == 1:
             return next(iter(offers.values()))
         if offers:
             parts = ", ".join(map(repr, offers))
-            fault = f" wants {name}, which {parts} put out: must have signals.{name} to choose"
+            fault = f" reads {name}, which {parts} output: must have signals.{name} to choose"
             raise BadInputError(fault, key=wanted_by)
         meaning = f" ({SIGNALS[name].meaning})" if name in SIGNALS else ""
         known = sorted(set(self._offers) - self._truth | set(self.chosen))
-        nothing = f" wants {name}{meaning}, which nothing puts out"
+        nothing = f" reads {name}{meaning}, which no part outputs"
         such = f", such as `{_MAKERS[name]}`" if name in _MAKERS else ""
-        allowed = f"one of {', '.join(known)}, or have a part that puts it out{such}"
+        allowed = f"one of {', '.join(known)}, or have a part that outputs it{such}"
         raise BadInputError(f"{nothing}: must be {allowed}", key=wanted_by)
 
     def connect(self, part: str, system: System, optional: tuple[str, ...] = ()) -> None:
@@ -272,6 +270,6 @@ class Signals:
             source = self.find(name, f"{part}.{keys[name]}" if name in keys else part)
             if source.size() != port.size():
                 giver = source.get_system().get_name()
-                fault = f"port {name} has size {port.size()}: must be {source.size()}, as {giver!r} puts out"
+                fault = f"port {name} has size {port.size()}: must be {source.size()}, as {giver!r} outputs"
                 raise BadInputError(fault, key=part)
             self._builder.Connect(source, port)

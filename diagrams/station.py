@@ -110,7 +110,7 @@ class StationConfig(Config):
         check_distinct("faults", self.faults)
         for i, j in clashing(self.faults):
             one, other = self.faults[i], self.faults[j]
-            allowed = f"outside of {one.start:g} to {one.end:g} s, where faults.{i} says the readings of the joint"
+            allowed = f"outside of {one.start:g} to {one.end:g} s, where faults.{i} changes the readings of the joint"
             raise invalid(f"faults.{j}.start", other.start, allowed)
 
     def environment_parts(self) -> dict[str, Any]:

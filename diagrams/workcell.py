@@ -143,8 +143,8 @@ class Workcell:
     @property
     def self_collision(self) -> bool:
         """Whether links collide with each other; by default only with several arms whose shapes are all there."""
-        parts, said = self.robot.parts, self.config.self_collision
-        return said if said is not None else len(parts.arms) > 1 and not parts.missing_shapes
+        parts, chosen = self.robot.parts, self.config.self_collision
+        return chosen if chosen is not None else len(parts.arms) > 1 and not parts.missing_shapes
 
     @property
     def has_gravity(self) -> bool:
@@ -222,7 +222,7 @@ class Workcell:
             size, vector = self.signal_size(name), port.get_data_type() == PortDataType.kVectorValued
             one_of_several = name == "measured_force" and port.size() == 1
             if size is not None and vector and port.size() != size and not one_of_several:
-                raise BadInputError(f" puts out {name} of size {port.size()}: must be {size} ({SIGNALS[name].shape})")
+                raise BadInputError(f" outputs {name} of size {port.size()}: must be {size} ({SIGNALS[name].shape})")
 
     def with_environment(self, config: StationConfig) -> Workcell:
         """The workcell of a station that differs in its environments only."""
@@ -273,10 +273,10 @@ def describe(config: StationConfig) -> Workcell:
             pair.check_models(*(parts[part].model for part in named.values()))
             (one, first), (other, second) = named.items()
             if parts[first].hand and parts[first].hand == parts[second].hand:
-                apart = (
+                allowed = (
                     f"a part that another arm holds than {one} = {first!r}: both are in the {parts[first].hand} hand"
                 )
-                raise invalid(other, second, apart)
+                raise invalid(other, second, allowed)
     _check_clear(robot, start, obstacles)
     contacts = []
     for name, part in environment.items():
@@ -336,7 +336,7 @@ def _check_clear(robot: RobotModel, start: Vector, obstacles: Mapping[str, Obsta
     for box in obstacles.values():
         for link, place in places.items():
             if box.holds(place):
-                fault = f" of size {box.size} at {box.position} has {link} of the robot inside, which is at"
+                fault = f" of size {box.size} at {box.position} has the origin of {link} of the robot inside, at"
                 with about(box):
                     raise BadInputError(f"{fault} {np.round(place, 3).tolist()} at the start: must be clear of it")
 

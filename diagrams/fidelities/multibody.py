@@ -232,7 +232,7 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
         # The height of an uneven surface is that at the position of the links.
         if len(workcell.contacts) > 1 and not is_uniform(contact):
             with about(contact.environment):
-                raise BadInputError(" must be flat and of one material beside other surfaces", key="surface")
+                raise BadInputError(" must be flat and of one material where there are other surfaces", key="surface")
         surface = add_surface(builder, workcell, contact, signals["link_position"], workcell.start)
         if mounting is not None:
             drive_surface(builder, workcell, contact, site.plant, mounting, surface)

@@ -28,7 +28,7 @@ _INTERNAL = ("motor_state", "spring_torque", "torque_integral", "joint_torque", 
 
 
 def selector(size: int, rows: list[int], name: str) -> Selector:
-    """A block that puts out some elements of a vector, at a port of this name."""
+    """A block that outputs some elements of a vector, at a port of this name."""
     one = SelectorParams.OutputSelection
     output = SelectorParams.OutputPortParams(
         name=name, selections=[one(input_port_index=0, input_offset=row) for row in rows]
@@ -54,7 +54,7 @@ class Assembly:
         workcell: the workcell.
 
     Attributes:
-        signals: the ports that the parts added so far put out, by name.
+        signals: the ports that the parts added so far output, by name.
     """
 
     def __init__(self, builder: DiagramBuilder, workcell: Workcell):
@@ -71,11 +71,11 @@ class Assembly:
         """Offer a port as the signal of a name.
 
         Raises:
-            BadInputError: another part puts out a signal of that name.
+            BadInputError: another part outputs a signal of that name.
         """
         if name in self.signals:
             first, second = self.signals[name].get_system().get_name(), port.get_system().get_name()
-            raise BadInputError(f"both {first!r} and {second!r} put out {name}: must be one of them", key="sensors")
+            raise BadInputError(f"both {first!r} and {second!r} output {name}: must be one of them", key="sensors")
         self.signals[name] = port
 
     def add(self, system: System, part: Any = None) -> None:
@@ -147,7 +147,7 @@ class Assembly:
             elif name not in optional_inputs(port.get_system()):
                 known = ", ".join(sorted({*STATION_SIGNALS, *self.signals}))
                 with about(part):
-                    raise BadInputError(f" wants {name}, which nothing puts out: must be one of {known}")
+                    raise BadInputError(f" reads {name}, which no part outputs: must be one of {known}")
         for name, port in self.signals.items():
             if name not in _INTERNAL and port.get_data_type() == PortDataType.kVectorValued:
                 self.builder.ExportOutput(port, name)

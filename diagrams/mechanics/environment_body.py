@@ -260,5 +260,5 @@ def has_dissipation(workcell: Workcell) -> bool:
     others += [*workcell.obstacles, *workcell.parts, *["self_collision"] * workcell.self_collision]
     if found and others:
         with about(found[0]):
-            raise BadInputError(f"must be 0 beside {', '.join(others)}", key="dissipation")
+            raise BadInputError(f"must be 0 together with {', '.join(others)}", key="dissipation")
     return bool(found)

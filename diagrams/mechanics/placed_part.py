@@ -158,7 +158,9 @@ def _root(plant: MultibodyPlant, instance: ModelInstanceIndex, config: PartConfi
     roots = [body for body in bodies if int(body.index()) not in carried]
     if len(roots) != 1:
         named = ", ".join(body.name() for body in roots)
-        raise BadInputError(f"{fault}, but {f'{named} are apart' if roots else 'stands in the world'}", key="model")
+        raise BadInputError(
+            f"{fault}, but {f'{named} are not connected' if roots else 'is welded to the world'}", key="model"
+        )
     if config.arm and not any(body.default_mass() > 0 and principal_moments(body).min() > 0 for body in bodies):
         raise BadInputError(f" = {config.model!r}: must have mass and moments of inertia to be held", key="model")
     return roots[0]
@@ -216,7 +218,9 @@ def lay_down(plant: MultibodyPlant, robot: RobotParts, parts: tuple[PlacedPart, 
             if abs(R[0, 2]) > _NEARLY_SINGULAR:
                 fault = " turns the part by 90 degrees about the y axis of the TCP at the start from how it is held"
                 with about(part.config):
-                    raise BadInputError(f"{fault}: must be 5 degrees off that, or have another posture_deg", key=_TURN)
+                    raise BadInputError(
+                        f"{fault}: must differ from that by 5 degrees, or have another posture_deg", key=_TURN
+                    )
             turns = [np.arctan2(-R[1, 2], R[2, 2]), np.arcsin(np.clip(R[0, 2], -1, 1)), np.arctan2(-R[0, 1], R[0, 0])]
             plant.SetDefaultPositions(part.grasp, np.array([*X_TE.translation(), *turns]))
 

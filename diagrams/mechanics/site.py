@@ -1,7 +1,7 @@
 """The data that the parts of a station use to add themselves to it.
 
 A drive, a sensor or a surface is a configuration with `add_to(builder, site)` that returns a system. The station
-connects the inputs of that system by name to what the other parts put out, see `STATION_SIGNALS`.
+connects the inputs of that system by name to the outputs of the other parts, see `STATION_SIGNALS`.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ def feed_contact(
         if "contact_force" not in output_names(block):
             raise BadInputError(" has no output contact_force: must have it, of size 1")
         if (force := block.GetOutputPort("contact_force")).size() != 1:
-            raise BadInputError(f" puts out contact_force of size {force.size()}: must be 1")
+            raise BadInputError(f" outputs contact_force of size {force.size()}: must be 1")
         for name in input_names(block):
             if name in given:
                 check_reads(block.GetInputPort(name), given[name])

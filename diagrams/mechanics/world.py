@@ -202,11 +202,11 @@ def _filter(
             everything.remove(geometry)
     filters = scene_graph.collision_filter_manager()
     if solid and not self_collision:
-        apart = [part.frame.model_instance() for part in placed]
+        of_parts = [part.frame.model_instance() for part in placed]
         links = [
             geometry
             for instance in map(ModelInstanceIndex, range(2, plant.num_model_instances()))
-            if instance not in apart
+            if instance not in of_parts
             for index in plant.GetBodyIndices(instance)
             for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index))
             if geometry in everything - alone

@@ -83,9 +83,9 @@ class AssemblyAnalysis(Config, WithoutFigures):
         depth, within = -place[:, 2], np.linalg.norm(place[:, :2], axis=1) < BESIDE
         engaged, seated = within & (depth > self.lead_in), within & (np.abs(depth - self.seat) <= self.within)
         place, turn = _relative(log, setting, self.cap, self.mount)
-        angle, way = np.degrees(np.arctan2(turn[:, 1, 0], turn[:, 0, 0])), np.copysign(1.0, self.lock_deg)
+        angle, sign = np.degrees(np.arctan2(turn[:, 1, 0], turn[:, 0, 0])), np.copysign(1.0, self.lock_deg)
         tilt = np.degrees(np.arccos(np.clip(turn[:, 2, 2], -1.0, 1.0)))
-        locked = (way * angle >= abs(self.lock_deg)) & (np.linalg.norm(place[:, :2], axis=1) < BESIDE)
+        locked = (sign * angle >= abs(self.lock_deg)) & (np.linalg.norm(place[:, :2], axis=1) < BESIDE)
         locked &= np.abs(place[:, 2]) <= self.within
         straight = locked & (tilt <= self.straight_deg)
         force = float(log["arm_contact_force"].values.max())

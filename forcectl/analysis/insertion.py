@@ -28,7 +28,7 @@ _TOUCH = 0.05  # [N] a smaller true force is no contact
 _IN_THE_AIR = 0.1  # [s] time without contact before a mode begins, after which it began in the air
 
 
-class Course(NamedTuple):
+class InsertionTruth(NamedTuple):
     """The truth of an insertion over time, of T ticks.
 
     Attributes:
@@ -59,16 +59,16 @@ def part_orientation(log: Any, setting: Setting, part: str) -> Rotation:
     return Rotation.from_quat(np.roll(turns, -1, axis=1))  # scipy's [x, y, z, w]
 
 
-def decided_in_the_air(time: Array, force: Array, way: Sequence[Stay], on_contact: Collection[str]) -> float:
+def decided_in_the_air(time: Array, force: Array, visited: Sequence[Stay], on_contact: Collection[str]) -> float:
     """Number of modes that may begin in contact only and began without it.
 
     Args:
         time: (T,) [s].
         force: true force, (T,) [N].
-        way: the stays in modes.
+        visited: the stays in modes.
         on_contact: names of the modes that may begin in contact only.
     """
-    begins = [stay.begin for stay in way if stay.mode in on_contact]
+    begins = [stay.begin for stay in visited if stay.mode in on_contact]
     return float(sum(not (force[(time > at - _IN_THE_AIR) & (time <= at)] > _TOUCH).any() for at in begins))
 
 
@@ -129,17 +129,17 @@ class InsertionAnalysis(Config):
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `INSERTION_METRICS`."""
-        course = self.course(log, setting)
-        size = np.linalg.norm(course.force, axis=1)
+        truth = self.truth(log, setting)
+        size = np.linalg.norm(truth.force, axis=1)
         touching = np.flatnonzero(size > _TOUCH)
-        first = float(course.time[touching[0]]) if touching.size else None
-        way = stays(log)
-        done = next((stay.begin for stay in way if stay.kind == 1), None)
+        first = float(truth.time[touching[0]]) if touching.size else None
+        visited = stays(log)
+        done = next((stay.begin for stay in visited if stay.kind == 1), None)
         # What comes after a success, such as the release, is not part of the insertion.
-        last = len(course.time) - 1 if done is None else int(np.searchsorted(course.time, done - _ROUNDING))
-        in_place = (np.abs(course.depth - self.seat) <= self.within) & (course.offset < self.beside)
+        last = len(truth.time) - 1 if done is None else int(np.searchsorted(truth.time, done - _ROUNDING))
+        in_place = (np.abs(truth.depth - self.seat) <= self.within) & (truth.offset < self.beside)
         outside = np.flatnonzero(~in_place[: last + 1])
-        seated = float(course.time[outside[-1] + 1]) if outside.size and outside[-1] < last else None
+        seated = float(truth.time[outside[-1] + 1]) if outside.size and outside[-1] < last else None
 
         def after(time: float | None) -> float | None:
             return None if time is None or first is None else time - first
@@ -148,14 +148,14 @@ class InsertionAnalysis(Config):
             "first_contact_s": first,
             "seated_after_s": after(seated),
             "finished_after_s": after(done),
-            "depth_mm": 1e3 * float(course.depth[last]),
-            "tilt_deg": float(np.degrees(course.tilt[last])),
-            "offset_at_contact_mm": None if first is None else 1e3 * float(course.offset[touching[0]]),
-            "tilt_at_contact_deg": None if first is None else float(np.degrees(course.tilt[touching[0]])),
-            "lateral_force_N": float(np.hypot(course.force[:, 0], course.force[:, 1]).max()),
-            "axial_force_N": float(np.abs(course.force[:, 2]).max()),
+            "depth_mm": 1e3 * float(truth.depth[last]),
+            "tilt_deg": float(np.degrees(truth.tilt[last])),
+            "offset_at_contact_mm": None if first is None else 1e3 * float(truth.offset[touching[0]]),
+            "tilt_at_contact_deg": None if first is None else float(np.degrees(truth.tilt[touching[0]])),
+            "lateral_force_N": float(np.hypot(truth.force[:, 0], truth.force[:, 1]).max()),
+            "axial_force_N": float(np.abs(truth.force[:, 2]).max()),
             "inserted": float(done is not None and seated is not None),
-            "decided_in_the_air": decided_in_the_air(course.time, size, way, self.on_contact),
+            "decided_in_the_air": decided_in_the_air(truth.time, size, visited, self.on_contact),
         }
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
@@ -165,24 +165,24 @@ class InsertionAnalysis(Config):
         runs = variants_of(log)
         return {
             f"insertion_{i}" if len(runs) > 1 else "insertion": insertion_figure(
-                *(self.course(run, setting), run, stays(run), f"{title}: {name}" if name else title),
+                *(self.truth(run, setting), run, stays(run), f"{title}: {name}" if name else title),
                 *(self.task, self.coordinate),
             )
             for i, (name, run) in enumerate(runs.items(), start=1)
         }
 
-    def course(self, log: Any, setting: Setting) -> Course:
+    def truth(self, log: Any, setting: Setting) -> InsertionTruth:
         """The truth of one variant."""
         pair = (self.peg, self.bore)
         along, out = (part_orientation(log, setting, part).apply([0.0, 0.0, 1.0]) for part in pair)
         tip, mouth = (part_rows(log, setting, part, "part_position") for part in pair)
-        apart = tip - mouth
-        depth = -np.einsum("ij,ij->i", apart, out)
+        offset = tip - mouth
+        depth = -np.einsum("ij,ij->i", offset, out)
         turned = np.einsum("ij,ij->i", along, out)
-        return Course(
+        return InsertionTruth(
             log["time"].values,
             depth,
-            np.linalg.norm(apart + depth[:, None] * out, axis=1),
+            np.linalg.norm(offset + depth[:, None] * out, axis=1),
             np.arccos(np.clip(turned, -1.0, 1.0)),
             log["body_contact_wrench"].values[:, 3:],
         )

@@ -76,9 +76,9 @@ class KeptForceAnalysis(Config):
         touched = np.flatnonzero(force > 0.0)
         if len(touched):
             found["contact_s"] = float(time[touched[0]])
-        way = stays(log)
-        found["decided_in_the_air"] = decided_in_the_air(time, force, way, self.on_contact)
-        turning = [stay for stay in way if stay.mode == self.mode]
+        visited = stays(log)
+        found["decided_in_the_air"] = decided_in_the_air(time, force, visited, self.on_contact)
+        turning = [stay for stay in visited if stay.mode == self.mode]
         if not turning:
             return found
         stay = turning[0]
@@ -95,7 +95,7 @@ class KeptForceAnalysis(Config):
             found["turning_rad_s"] = mean
             found["turning_error_pct"] = 100.0 * float(np.abs(turned - mean).max()) / max(abs(mean), 1e-9)
         found["turned_rad"] = float(abs(angle[end] - angle[begin]))
-        if any(later.kind == 1 for later in way):
+        if any(later.kind == 1 for later in visited):
             found["torque_at_decision_Nm"] = float(abs(torque[end]))
             found["turned_after_decision_rad"] = float(np.abs(angle[end:] - angle[end]).max())
             found["torque_max_Nm"] = float(np.abs(torque[begin:]).max())

@@ -119,14 +119,14 @@ def check_modes(names: Mapping[str, str], signals: Mapping[str, LoggedSignal]) -
 
 def read_only(log: Any) -> Any:
     """A read-only log of the same samples, for an analysis: writing into it raises, or changes this copy only."""
-    seen = log.copy(deep=False)
-    for name, variable in seen.variables.items():
-        if name in seen.indexes:
+    copy = log.copy(deep=False)
+    for name, variable in copy.variables.items():
+        if name in copy.indexes:
             variable.values.flags.writeable = False  # of an index that pandas keeps as it is
         else:
             variable.data = variable.data.view()
             variable.data.flags.writeable = False
-    return seen
+    return copy
 
 
 def check_metrics(found: Mapping[Any, Any], there: Iterable[str], analysis: str) -> dict[str, float | None]:
@@ -186,7 +186,7 @@ def _check_names(names: Iterable[Any], there: Iterable[str], what: str, analysis
             raise RunFailedError(f"analyses.{analysis}: {what} {show(name)}: its name must be {allowed}")
         if name.lower() in taken:
             raise RunFailedError(
-                f"analyses.{analysis} returns {what} {show(name)}, which the run or another analysis puts out already: "
+                f"analyses.{analysis} returns {what} {show(name)}, which the run or another analysis returns already: "
                 "must have a name of its own"
             )
         taken.add(name.lower())

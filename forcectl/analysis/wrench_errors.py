@@ -1,6 +1,6 @@
 """Errors of estimated wrenches over the whole run: false forces where nothing acts, and how soon a load is detected.
 
-Errors are quantiles over all samples of an arm, in the axes of its tool where the estimator puts out
+Errors are quantiles over all samples of an arm, in the axes of its tool where the estimator outputs
 `estimated_local_wrench` in `tcp`, else in the world. Where nothing acts, the error is a false force. With two arms the
 same metrics exist for the wrench between them, at the TCP of the second one, see
 `forcectl.estimation.wrench_between`.
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _LEAST = 1e-6  # [N, Nm] a larger load acts
 # Time after the beginning of a load [s], and the share of the load that must be estimated by then.
-_FELT = {"felt_after_52_ms_pct": (0.052, 1 / 2), "felt_after_200_ms_pct": (0.2, 5 / 6)}
+_DETECTED = {"felt_after_52_ms_pct": (0.052, 1 / 2), "felt_after_200_ms_pct": (0.2, 5 / 6)}
 _DIRECTIONS = {"z": (5,), "xy": (3, 4)}
 
 
@@ -81,8 +81,8 @@ class WrenchErrorAnalysis(Config):
             mean, acting = self._between(posture, setting.truth, found.local, estimated, true)
             if self.between and self.between not in log:
                 raise unknown("between", self.between, [str(name) for name in log])
-            felt = log[self.between].values[late] if self.between else mean
-            each["between"] = self._arm(log["time"].values[late], felt, acting)
+            wrench = log[self.between].values[late] if self.between else mean
+            each["between"] = self._arm(log["time"].values[late], wrench, acting)
         if len(each) > 1:
             metrics |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
         return metrics | self._assumed(setting)
@@ -99,8 +99,8 @@ class WrenchErrorAnalysis(Config):
                 sizes = (found.estimated - found.true)[late].reshape(-1, 6)
                 errors[name] = {
                     "error of the force along z [N]": np.abs(sizes[:, 5]),
-                    "across z [N]": np.linalg.norm(sizes[:, 3:5], axis=1),
-                    "of the torque about z [Nm]": np.abs(sizes[:, 2]),
+                    "error of the force across z [N]": np.linalg.norm(sizes[:, 3:5], axis=1),
+                    "error of the torque about z [Nm]": np.abs(sizes[:, 2]),
                 }
         return {"wrench_errors": error_figure(errors, title)} if errors else {}
 
@@ -124,25 +124,25 @@ class WrenchErrorAnalysis(Config):
         acts = np.abs(true).max(axis=1) > _LEAST
         free = np.abs(estimated[~acts, 5])
         found["false_force_z_N"] = float(free.max()) if len(free) else None
-        return found | self._felt(time, estimated[:, 3:], true[:, 3:])
+        return found | self._detection(time, estimated[:, 3:], true[:, 3:])
 
-    def _felt(self, time: Array, estimated: Array, true: Array) -> dict[str, float | None]:
+    def _detection(self, time: Array, estimated: Array, true: Array) -> dict[str, float | None]:
         """How soon each load is detected: by the estimated force along it, relative to the estimate before it."""
-        felt: dict[str, list[float]] = {name: [] for name in _FELT}
+        detected: dict[str, list[float]] = {name: [] for name in _DETECTED}
         delays: list[float] = []
         loads = [load for load in stretches(np.linalg.norm(true, axis=1) > _LEAST) if load.start > 0]
         for load in loads:
             since, size = time[load] - time[load.start], np.linalg.norm(true[load], axis=1)
             along = np.sum((estimated[load] - estimated[load.start - 1]) * true[load], axis=1) / size
-            for name, (after, share) in _FELT.items():
+            for name, (after, share) in _DETECTED.items():
                 at = np.searchsorted(since, after - 1e-9)
                 if at < len(since):
-                    felt[name].append(100.0 * float(along[at] >= share * size[at]))
+                    detected[name].append(100.0 * float(along[at] >= share * size[at]))
             above = np.flatnonzero(along > self.threshold)
             delays.append(float(1e3 * since[above[0]]) if len(above) else np.inf)
         found = [delay for delay in delays if np.isfinite(delay)]
         return {
-            **{name: float(np.mean(values)) if values else None for name, values in felt.items()},
+            **{name: float(np.mean(values)) if values else None for name, values in detected.items()},
             "load_found_ms": float(np.median(found)) if found else None,
             "load_found_slowest_ms": max(found, default=None),
             "loads_missed": float(len(delays) - len(found)) if loads else None,
@@ -180,11 +180,11 @@ class WrenchErrorAnalysis(Config):
     @staticmethod
     def _assumed(setting: Setting) -> dict[str, float | None]:
         """Assumptions behind the result: the size of the friction, and its error in the model."""
-        true, believed = setting.truth, setting.model
+        true, model = setting.truth, setting.model
         limits = true.known_robot().limits.torque
         known = np.isfinite(limits) & (true.friction.coulomb > 0)
         if not known.any():
             return {}
         coulomb = true.friction.coulomb[known]
-        off = np.abs(believed.friction.coulomb[known] / coulomb - 1)
+        off = np.abs(model.friction.coulomb[known] / coulomb - 1)
         return {"coulomb_share": float(np.mean(coulomb / limits[known])), "friction_off_pct": float(100 * off.max())}

@@ -54,7 +54,7 @@ def force_figure(log: Any, title: str = "", findings: Found = NOTHING, targets: 
         axes.plot(values["time"], values, color=GREY, lw=1.0, label="reference" if i == 0 else None, zorder=1)
     draw_bands(axes, ((one["time"].values, one.values) for one in desired.values()))
     for colour, dashes, name, one in variants:
-        label, look = _label(name) or "measured force", _seen_through(dashes, one["measured_force"], drawn)
+        label, look = _label(name) or "measured force", _dashes_over(dashes, one["measured_force"], drawn)
         axes.plot(one["time"], one["measured_force"], color=colour, ls=look, lw=1.8, label=label, zorder=3)
         if _has_model(log):
             axes.plot(one["time"], one["model_force"], color=colour, lw=1.2, ls=(0, (5, 3)), alpha=0.9, zorder=2)
@@ -117,7 +117,7 @@ def error_figure(log: Any, title: str = "") -> Figure:
         error = one["measured_force"] - one["model_force"]
         if error.isnull().all():  # a law without a reference model
             continue
-        look = _seen_through(dashes, error, drawn)
+        look = _dashes_over(dashes, error, drawn)
         axes.plot(one["time"], error, color=colour, ls=look, lw=1.6, label=_label(name))
     _finish(figure, axes, log)
     return figure
@@ -252,7 +252,7 @@ def plain_names(legend: Legend) -> None:
         text.set_parse_math(False)
 
 
-def _seen_through(dashes: Any, values: Any, drawn: list[Any]) -> Any:
+def _dashes_over(dashes: Any, values: Any, drawn: list[Any]) -> Any:
     """The dashes of a curve: with gaps where it would cover one that is drawn already.
 
     Args:

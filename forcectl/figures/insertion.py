@@ -10,16 +10,16 @@ from matplotlib.figure import Figure
 
 from forcectl.figures.force import COLOURS, stacked
 
-_ROWS = ("force along the bore [N]", "force across [N]", "speed [m/s]", "depth [mm]", "tilt [deg]")
+_ROWS = ("force along the bore [N]", "force across it [N]", "speed [m/s]", "depth [mm]", "tilt [deg]")
 
 
 def insertion_figure(
-    course: Any, log: Any, stays: Sequence[Any], title: str = "", task: int = 1, coordinate: int = 1
+    truth: Any, log: Any, stays: Sequence[Any], title: str = "", task: int = 1, coordinate: int = 1
 ) -> Figure:
     """True and estimated forces, commanded speeds, depth and tilt over time, with the modes.
 
     Args:
-        course: of an `InsertionAnalysis`.
+        truth: of an `InsertionAnalysis`.
         log: of the same run; estimate and speeds are drawn where it has them.
         stays: in modes.
         title: heading.
@@ -27,21 +27,21 @@ def insertion_figure(
     """
     figure, rows = stacked(5, 7.5, 0.8 + 1.7 * 5, title)
     along, across, speed, depth, tilt = rows
-    time = course.time
-    along.plot(time, np.abs(course.force[:, 2]), color=COLOURS[0], lw=1.5, label="true")
-    across.plot(time, np.hypot(course.force[:, 0], course.force[:, 1]), color=COLOURS[0], lw=1.5)
+    time = truth.time
+    along.plot(time, np.abs(truth.force[:, 2]), color=COLOURS[0], lw=1.5, label="true")
+    across.plot(time, np.hypot(truth.force[:, 0], truth.force[:, 1]), color=COLOURS[0], lw=1.5)
     if "task_wrench" in log:
-        felt = log["task_wrench"].values[:, 6 * task - 3 : 6 * task]
-        along.plot(time, np.abs(felt[:, 2]), color=COLOURS[1], lw=1.0, label="estimated")
-        across.plot(time, np.hypot(felt[:, 0], felt[:, 1]), color=COLOURS[1], lw=1.0)
+        estimated = log["task_wrench"].values[:, 6 * task - 3 : 6 * task]
+        along.plot(time, np.abs(estimated[:, 2]), color=COLOURS[1], lw=1.0, label="estimated")
+        across.plot(time, np.hypot(estimated[:, 0], estimated[:, 1]), color=COLOURS[1], lw=1.0)
     if "task_velocity" in log:
         for name, values, colour in zip(
             "xyz", log["task_velocity"].values.T[coordinate - 1 :], COLOURS[2:], strict=False
         ):
             speed.plot(time, values, color=colour, lw=1.2, label=name)
         speed.legend(frameon=False, fontsize=8, loc="lower left", ncol=3)
-    depth.plot(time, 1e3 * course.depth, color=COLOURS[0], lw=1.5)
-    tilt.plot(time, np.degrees(course.tilt), color=COLOURS[0], lw=1.5)
+    depth.plot(time, 1e3 * truth.depth, color=COLOURS[0], lw=1.5)
+    tilt.plot(time, np.degrees(truth.tilt), color=COLOURS[0], lw=1.5)
     along.legend(frameon=False, fontsize=8, loc="upper left")
     for axes, label in zip(rows, _ROWS, strict=True):
         axes.set_ylabel(label, fontsize=9)

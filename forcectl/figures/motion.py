@@ -86,7 +86,7 @@ def force_figure(log: Any, title: str = "") -> Figure:
                 force = log[name].sel(wrench_component=of_arm).values
                 shown = dict(zip("xyz", force.T, strict=True))
                 if estimated == _LOCAL:
-                    shown = {"size": np.linalg.norm(force, axis=1)}
+                    shown = {"magnitude": np.linalg.norm(force, axis=1)}
                 for k, (part, values) in enumerate(shown.items()):
                     axes.plot(log["time"], values, color=colour_of(k), label=f"{part}, {word}", **look)
         axes.set_ylabel(f"{arm}: force [N]")

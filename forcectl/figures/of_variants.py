@@ -27,7 +27,7 @@ def alignment_figure(curves: Mapping[str, tuple[Array, Array, Array]], angle: fl
     # Every other curve is dashed, so that equal curves remain visible.
     figure, rows = _curves(runs, ("angle [rad]", "speed [rad/s]", "torque [Nm]"), title, 1.4, ("-", (0, (4, 2))))
     rows[0].axhline(angle, **_LIMIT)
-    rows[-1].set_xlabel("time [s]; dotted: the hole")
+    rows[-1].set_xlabel("time [s]; dotted: angle of the hole")
     return figure
 
 
@@ -50,19 +50,19 @@ def kept_force_figure(
 
 
 def surface_alignment_figure(
-    runs: Mapping[str, tuple[Array, Array, Array, Array]], wanted: tuple[float, float], title: str = ""
+    runs: Mapping[str, tuple[Array, Array, Array, Array]], limits: tuple[float, float], title: str = ""
 ) -> Figure:
     """Force, torque and tilt over time of a flat tool that aligns with a plate.
 
     Args:
         runs: by the name of the variant: time [s], true force [N], true torque [Nm], tilt [deg], each of shape (k,).
-        wanted: largest torque of a tool that is aligned [Nm], and the time from which it is to be [s].
+        limits: largest torque of a tool that is aligned [Nm], and the time from which it is to be [s].
         title: heading.
     """
     figure, rows = _curves(runs, ("force [N]", "torque [Nm]", "tilt [deg]"), title)
-    rows[1].axhline(wanted[0], **_LIMIT)
+    rows[1].axhline(limits[0], **_LIMIT)
     for axes in rows:
-        axes.axvline(wanted[1], **_LIMIT)
+        axes.axvline(limits[1], **_LIMIT)
     rows[-1].set_xlabel("time [s]; dotted: largest torque and time of the alignment")
     return figure
 

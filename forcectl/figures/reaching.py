@@ -30,7 +30,7 @@ def reach_figure(log: Any, distance: Array, every: int, title: str = "") -> Figu
     rows[-1].set_ylabel("joint speeds [rad/s]")
     binds = log["active_constraints"].values.ravel() > 0
     rows[-1].fill_between(time, 0.0, 1.0, where=binds, transform=rows[-1].get_xaxis_transform(), color="0.9", lw=0)
-    rows[-1].set_xlabel("time [s]; dashed: targets, grey: a constraint binds")
+    rows[-1].set_xlabel("time [s]; dashed: targets, grey: a constraint is active")
     return figure
 
 
@@ -48,7 +48,7 @@ def null_space_figure(
         rows[1].plot(time, room, color=colour, lw=1.2)
         rows[2].plot(time[::every], 1e3 * distance, color=colour, lw=1.2)
         rows[3].plot(time[::every], mass.mean(axis=1), color=colour, lw=1.2)
-    labels = "joint speeds [rad/s]", "room to limits [deg]", "least distance [mm]", "reflected mass [kg]"
+    labels = "joint speeds [rad/s]", "distance to limits [deg]", "least distance [mm]", "reflected mass [kg]"
     for axes, label in zip(rows, labels, strict=True):
         axes.set_ylabel(label)
     legend_above(rows[0], 4)

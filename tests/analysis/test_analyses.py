@@ -260,8 +260,8 @@ def test_a_figure_of_forces_shows_the_size_of_an_estimate_in_other_axes():
     log = made_up().rename(estimated_wrench="estimated_local_wrench")
     (axes,) = motion_figures(log, "T")["forces"].axes
     shown = {line.get_label(): line.get_ydata() for line in axes.lines}
-    assert set(shown) == {"size, estimated", "size, true"}
-    for label, name in (("size, estimated", "estimated_local_wrench"), ("size, true", "tip_wrench")):
+    assert set(shown) == {"magnitude, estimated", "magnitude, true"}
+    for label, name in (("magnitude, estimated", "estimated_local_wrench"), ("magnitude, true", "tip_wrench")):
         np.testing.assert_allclose(shown[label] ** 2, (log[name].values[:, 3:] ** 2).sum(axis=1), atol=1e-12)
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from forcectl.analysis.slot import check_figures, check_files, check_metrics, read_only
 from forcectl.errors import RunFailedError
 
-TAKEN = "which the run or another analysis puts out already: must have a name of its own"
+TAKEN = "which the run or another analysis returns already: must have a name of its own"
 PLAIN = "its name must be 1 to 100 printable characters without '/', not beginning with a dot"
 
 

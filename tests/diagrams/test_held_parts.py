@@ -244,8 +244,8 @@ JOINT = '<joint name="pin" type="{}"><parent link="{}"/><child link="{}"/></join
     ("model", "message"),
     [
         (LINK.format("a") + LINK.format("b") + JOINT.format("continuous", "a", "b"), "but joint 'pin' moves"),
-        ('<link name="a"/><link name="b"/>', "but a, b are apart"),
-        (LINK.format("a") + '<link name="world"/>' + JOINT.format("fixed", "world", "a"), "but stands in the world"),
+        ('<link name="a"/><link name="b"/>', "but a, b are not connected"),
+        (LINK.format("a") + '<link name="world"/>' + JOINT.format("fixed", "world", "a"), "but is welded to the world"),
         (
             f'<link name="a">{INERTIAL}<collision><geometry><mesh filename="no.obj"/></geometry></collision></link>',
             "must have its collision shapes: link a: collision mesh no.obj: not found",

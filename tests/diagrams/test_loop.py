@@ -71,7 +71,7 @@ def test_a_command_moves_the_robot_in_the_tick_it_is_computed_in():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"input": "joint_angle"}, "wants joint_angle, which nothing puts out: must be one of joint_position"),
+        ({"input": "joint_angle"}, "reads joint_angle, which no part outputs: must be one of joint_position"),
         ({"size": 3}, "joint_velocity_command has size 3: must be 7"),
         ({"input": "estimated_torque"}, "wants estimated_torque (estimated external joint torques), which nothing"),
         (
@@ -120,8 +120,8 @@ class Odd:
     ("wanted", "message"),
     [
         (None, "estimators.force: add_to must return a Drake system, not NoneType"),
-        ("joint_angle", "estimators.force wants joint_angle, which nothing puts out"),
-        ("external_torque", "estimators.force wants external_torque"),
+        ("joint_angle", "estimators.force reads joint_angle, which no part outputs"),
+        ("external_torque", "estimators.force reads external_torque"),
     ],
 )
 def test_an_estimator_that_does_not_fit_is_refused(wanted, message):
@@ -288,6 +288,6 @@ class _TwoForces(KinematicFidelity):
 
 
 def test_a_station_has_one_true_force_at_each_surface():
-    message = r"^station\.fidelity puts out contact_force of size 2: must be 1, one for each surface$"
+    message = r"^station\.fidelity outputs contact_force of size 2: must be 1, one for each surface$"
     with pytest.raises(BadInputError, match=message):
         Scenario(station=StationConfig(fidelity=_TwoForces())).build()

@@ -101,7 +101,7 @@ def test_a_further_input_of_a_law_is_the_signal_of_its_name(further: Any, expect
 
 
 def test_an_input_that_nothing_puts_out_is_refused_for_a_law_and_a_reference() -> None:
-    nothing = "wants hope, which nothing puts out: must be one of "
+    nothing = "reads hope, which no part outputs: must be one of "
     assert f"controller {nothing}" in refusal(scenario(controller=law({"hope": 1})))
     reference = Part({"hope": 1}, {"desired_force": 1})
     assert f"reference {nothing}" in refusal(scenario(reference=reference))
@@ -142,14 +142,14 @@ def test_an_input_of_a_reference_is_the_signal_of_its_name() -> None:
 def test_a_law_of_an_arm_reads_the_signals_of_the_loop() -> None:
     laws = Tagged({"laws": {"arm": law({"motor_position": 6})}}, "PerArm")
     told = refusal(scenario(controller=Tagged({"laws": {"arm": law({"hope": 1})}}, "PerArm")))
-    assert "controller wants hope, which nothing puts out" in told
+    assert "controller reads hope, which no part outputs" in told
     fc.build(scenario(controller=laws))
 
 
 def test_one_of_two_sensors_of_the_same_is_chosen() -> None:
     sensors = {"a": force(1.0, "one"), "b": force(2.0, "two")}
     told = refusal(scenario({"sensors": sensors}))
-    assert "controller wants measured_force, which the sensors 'a', 'b' put out: must have signals.measured_f" in told
+    assert "controller reads measured_force, which the sensors 'a', 'b' output: must have signals.measured_f" in told
     for choice, value in (({}, 1.0), ({"signal": "b_measured_force"}, 2.0)):
         signals = {"measured_force": Tagged({"part": "station"} | choice, "From")}
         log = fc.run(scenario({"sensors": sensors}, signals=signals)).log
@@ -166,22 +166,22 @@ def estimator(output: str, size: int = 1) -> Part:
     [
         (
             {"a": estimator("contact_force")},
-            "estimators.a puts out contact_force, which only the simulation knows: must be another name",
+            "estimators.a outputs contact_force, a true signal that only the simulation has: must be another name",
         ),
         (
             {"a": estimator("motor_position", 6)},
-            "estimators.a puts out motor_position, as station does: must be another name, or have signals.motor_pos",
+            "estimators.a outputs motor_position, as station does: must be another name, or have signals.motor_pos",
         ),
         (
             {"a": estimator("desired_force")},
-            "controller wants desired_force, which 'reference', 'a' put out: must have",
+            "controller reads desired_force, which 'reference', 'a' output: must have",
         ),
-        ({"a": estimator("status")}, "estimators.a puts out status, as controller does: must be another name"),
+        ({"a": estimator("status")}, "estimators.a outputs status, as controller does: must be another name"),
         (
             {"a": estimator("mine"), "b": estimator("mine")},
-            "estimators.b puts out mine, as estimators.a does: must be another name, or have signals.mine to choose",
+            "estimators.b outputs mine, as estimators.a does: must be another name, or have signals.mine to choose",
         ),
-        ({"a": estimator("estimated_wrench", 3)}, "estimators.a puts out estimated_wrench of size 3: must be 6 (6a)"),
+        ({"a": estimator("estimated_wrench", 3)}, "estimators.a outputs estimated_wrench of size 3: must be 6 (6a)"),
     ],
 )
 def test_an_estimator_does_not_put_out_what_another_part_does(estimators: Any, told: str) -> None:
@@ -197,17 +197,17 @@ def test_two_estimators_of_the_same_are_chosen_from() -> None:
 
 def test_a_controller_does_not_put_out_the_truth() -> None:
     controller = Part(FORCES, {"displacement_command": 1, "contact_force": 1})
-    told = "controller puts out contact_force, which only the simulation knows: must be another name"
+    told = "controller outputs contact_force, a true signal that only the simulation has: must be another name"
     assert told in refusal(scenario(controller=controller))
 
 
 @pytest.mark.parametrize(
     ("parts", "told"),
     [
-        ({"reference": Part({}, {"desired_force": 2})}, "reference puts out desired_force of size 2: must be 1 (k)"),
+        ({"reference": Part({}, {"desired_force": 2})}, "reference outputs desired_force of size 2: must be 1 (k)"),
         (
             {"station": {"fidelity": "Kinematic", "sensors": {"force": force(size=6)}}},
-            "station.sensors.force puts out measured_force of size 6: must be 1 (k)",
+            "station.sensors.force outputs measured_force of size 6: must be 1 (k)",
         ),
         (
             {"controller": Part(FORCES, {"displacement_command": 6})},

@@ -117,8 +117,8 @@ GOOD_IN, GOOD_OUT = {"displacement": 1}, {"contact_force": 1}
         ({"depth": 1}, {}, "has no input displacement: must have it, of size 1"),
         (GOOD_IN, {"force": 1}, "has no output contact_force: must have it, of size 1"),
         ({"displacement": 3}, GOOD_OUT, "reads displacement of size 3: must be 1"),
-        (GOOD_IN, {"contact_force": 2}, "puts out contact_force of size 2: must be 1"),
-        (GOOD_IN | {"humidity": 1}, GOOD_OUT, "wants humidity, which nothing puts out: must be one of "),
+        (GOOD_IN, {"contact_force": 2}, "outputs contact_force of size 2: must be 1"),
+        (GOOD_IN | {"humidity": 1}, GOOD_OUT, "reads humidity, which no part outputs: must be one of "),
         (GOOD_IN | {"motor_position": 3}, GOOD_OUT, "reads motor_position of size 3: must be 6"),
     ],
 )

@@ -111,7 +111,7 @@ def test_a_signal_is_chosen_of_a_part_that_there_is():
 def test_the_truth_cannot_be_chosen():
     for signal in ("contact_force", "measured_torque"):
         choice = parse(f"!From {{part: station, signal: {signal}}}", "test")
-        with pytest.raises(fc.BadInputError, match=rf"signals\.measured_force: nothing puts out {signal}: must be"):
+        with pytest.raises(fc.BadInputError, match=rf"signals\.measured_force: no part outputs {signal}: must be"):
             fc.build(fc.load_scenario({"signals": {"measured_force": choice}}))
 
 
@@ -139,7 +139,7 @@ def test_behind_a_joint_interface_motors_are_known_by_its_readings():
     }
     readings = {station.GetOutputPort(name).get_index() for name in ("joint_position", "joint_velocity")}
     assert {(system.get_name(), port) for system, port in given} == {("station", port) for port in readings}
-    with pytest.raises(fc.BadInputError, match=r"controller wants joint_position .*, which nothing puts out"):
+    with pytest.raises(fc.BadInputError, match=r"controller reads joint_position .*, which no part outputs"):
         fc.build(fc.load_scenario({"station": {"drive": "!JointInterface", "fidelity": "Multibody"}}))
 
 
@@ -161,7 +161,7 @@ def test_a_force_loop_takes_the_positions_of_its_motors_from_encoders_where_it_s
     read, exact = log["joint_position"].values, log["motor_position"].values
     np.testing.assert_allclose(read / 1e-6, np.round(read / 1e-6), atol=1e-6)
     assert 0 < np.abs(read[1:] - exact[1:]).max() < 0.51e-6
-    with pytest.raises(fc.BadInputError, match=r"controller wants joint_position .*, which nothing puts out"):
+    with pytest.raises(fc.BadInputError, match=r"controller reads joint_position .*, which no part outputs"):
         fc.build(fc.load_scenario({"station": {"drive": {"encoders": True}}}))
 
 
@@ -202,9 +202,9 @@ def test_a_load_on_the_elbow_is_no_load_on_the_tool():
     [
         (
             {"signals": {}},
-            "controller wants measured_force (measured force of each surface on the tool along its normal)",
+            "controller reads measured_force (measured force of each surface on the tool along its normal)",
         ),
-        ({"estimators": {}}, "signals.measured_force wants estimated_wrench"),
+        ({"estimators": {}}, "signals.measured_force reads estimated_wrench"),
         (
             {"signals": {"measured_force": parse("!Projection {of: motor_torque}", "f")}},
             "must be a signal of shape (12,)",
@@ -232,7 +232,7 @@ def test_what_does_not_connect_is_one_line(changes, text):
 
 def test_two_providers_are_an_error_until_the_scenario_chooses():
     several = {"force": parse("!ForceEstimator {gain: 10}", "f"), "other": parse("!ForceEstimator {}", "f")}
-    with pytest.raises(fc.BadInputError, match=r"'force', 'other' put out: must have signals\.estimated_wrench to"):
+    with pytest.raises(fc.BadInputError, match=r"'force', 'other' output: must have signals\.estimated_wrench to"):
         fc.build(fc.load_scenario(scenario(estimators=several)))
     chosen = {
         "estimated_wrench": parse("!From {part: other}", "f"),

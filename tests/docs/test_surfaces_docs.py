@@ -35,5 +35,5 @@ def test_friction_needs_a_fidelity_with_forces_across_the_normal(fidelity):
 def test_dissipation_stands_alone_in_a_plant():
     environment = "{parts: {plate: !Surface {dissipation: 5.0}, box: !Box {}}}"
     tree = parse(f"station: {{fidelity: Multibody, environment: !Parts {environment}}}", "surface.yaml")
-    with pytest.raises(BadInputError, match=r"environment\.parts\.plate\.dissipation: must be 0 beside box"):
+    with pytest.raises(BadInputError, match=r"environment\.parts\.plate\.dissipation: must be 0 together with box"):
         fc.build(tree)

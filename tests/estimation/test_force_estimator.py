@@ -50,7 +50,7 @@ def test_a_wrench_in_other_axes_is_that_in_the_world_turned(frame: str) -> None:
 
 def test_only_wrenches_in_the_world_are_projected() -> None:
     parts = scenario(force=ForceEstimatorConfig(expressed_in="tcp")) | {"signals": {"measured_force": "!Projection"}}
-    with pytest.raises(fc.BadInputError, match=r"signals\.measured_force wants estimated_wrench"):
+    with pytest.raises(fc.BadInputError, match=r"signals\.measured_force reads estimated_wrench"):
         fc.build(fc.load_scenario(parts))
 
 

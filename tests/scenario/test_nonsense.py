@@ -177,7 +177,7 @@ REFUSED = [
     ("station: {period: 0.5}", "build", "station.period = 0.5: must be at most 100 time_step, 0.1 s"),
     ("station: {period: 0.004, time_step: 1e-5}", "build", "station.period = 0.004: must be at most 100 time_step, 0"),
     ("station: {time_step: 1e-5}", "build", "station.time_step = 1e-05: must be at least the period over 100, 2e-05 s"),
-    ("estimators: {e: !ForceEstimator {}}", "build", "estimators.e wants joint_position (joint positions that the"),
+    ("estimators: {e: !ForceEstimator {}}", "build", "estimators.e reads joint_position (joint positions that the"),
     ("controller: {integral_gain: 1e6}", "controller.integral_gain = 1000000.0: must be from 0.000001 to 10000"),
     ("motion: {speed: 1000}", "motion.speed = 1000.0: must be above 0 and at most 10"),
     ("motion: {distance: 500}", "motion.distance = 500.0: must be not negative, at most 100 m"),

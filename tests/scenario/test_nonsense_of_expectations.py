@@ -83,4 +83,4 @@ def test_the_margins_of_a_loop_with_a_long_delay_are_not_looked_for(forcectl):
     shown = [word for each in settings for word in ("--set", each)]
     code, out, _ = forcectl("check", "fig_2_8", "--fidelity", "OneDimensional", *shown)
     assert code == 0
-    assert "stable; its delay is too long to look for margins" in out
+    assert "stable; its delay is too long to compute margins" in out

@@ -189,14 +189,14 @@ REFUSED = [
     (
         "fig_5_3",
         "station.environment.size=[2, 2, 2]",
-        "station.environment of size [2.0, 2.0, 2.0] at [0.4, 0.34, 0.1325] has robot_base of the robot inside, which",
+        "station.environment of size [2.0, 2.0, 2.0] at [0.4, 0.34, 0.1325] has the origin of robot_base of the robot",
     ),
     ("fig_2_8", f"station.faults=[{JOINT_9}]", "station.faults.0.joint: unknown joint 'joint_9': did you mean"),
     ("peg_in_hole", f"station.faults=[{JOINT_9}]", "station.faults.0.joint: unknown joint 'joint_9': did you mean"),
     (
         "fig_2_8",
         "station.faults=[!ReadingFault {start: 0.1, duration: 0.4}, !ReadingFault {start: 0.2, kind: frozen}]",
-        "station.faults.1.start = 0.2: must be outside of 0.1 to 0.5 s, where faults.0 says the readings of the joint",
+        "station.faults.1.start = 0.2: must be outside of 0.1 to 0.5 s, where faults.0 changes the readings of the",
     ),
     # what has no effect
     ("fig_5_3", f"controller.constraints=[{WALL}, {WALL}]", "controller.constraints.1 = WallConfig(point=[0.0, 0.0, ."),

@@ -56,8 +56,8 @@ class FindingsConfig(Config):
     )
     chatter_share: float = key(
         0.002,
-        "smallest reversal of the displacement command that counts as chatter: the force that it is worth by the total "
-        "compliance, as a share of the reference",
+        "smallest reversal of the displacement command that counts as chatter: divided by the total compliance, as a "
+        "share of the reference",
         bounds=_SHARE,
     )
     limit_share: float = key(
@@ -97,9 +97,9 @@ class FindingsConfig(Config):
         ranges = [sensor.range for sensor in sensors if hasattr(sensor, "range")]
         filtered = all(getattr(sensor, "bandwidth", np.inf) * setting.workcell.period < 1 for sensor in sensors)
         truth = setting.truth
-        robots, believed = truth.robot_compliance, setting.model.environment_compliance
+        robots, modelled = truth.robot_compliance, setting.model.environment_compliance
         compliances, contacts = robots + truth.environment_compliance, setting.workcell.contacts
-        rows = zip(surfaces(log), contacts, compliances, robots, believed, strict=True)
+        rows = zip(surfaces(log), contacts, compliances, robots, modelled, strict=True)
         for (label, one), contact, compliance, robot, of_model in rows:
             even = contact.surface if contact.surface is not None and contact.surface.even else None
             pressing = Pressing.of(one, float(compliance), motion, even is not None)

@@ -40,7 +40,7 @@ def parse_severity(text: str, name: str) -> Severity:
 
 
 _MEANINGS = {
-    Severity.INFO: "worth knowing; nothing is wrong",
+    Severity.INFO: "for information: nothing is wrong",
     Severity.WARNING: "the run completed its task, but not well: check it before its numbers are used",
     Severity.ERROR: "the run did not complete its task, or a real robot would have stopped or been damaged",
 }
@@ -56,7 +56,7 @@ class Kind(NamedTuple):
 KINDS: dict[str, Kind] = {
     "sensor_saturated": Kind(Severity.ERROR, "the true force was at the end of the force sensor's range, or beyond"),
     "sensor_off": Kind(
-        Severity.ERROR, "the readings of the force sensor were off a steady true force by more than a fifth"
+        Severity.ERROR, "the readings of the force sensor differed from a steady true force by more than a fifth"
     ),
     "readings_repeated": Kind(Severity.WARNING, "readings of the force sensor were repeatedly lost or late"),
     "command_saturated": Kind(
@@ -72,11 +72,15 @@ KINDS: dict[str, Kind] = {
     "compliance_off": Kind(
         Severity.INFO, "a surface was at least twice as stiff or as soft as in the model that the force law uses"
     ),
-    "contact_lost": Kind(Severity.ERROR, "the tool left the surface for longer than a bounce while a force was wanted"),
-    "contact_bounced": Kind(Severity.WARNING, "the tool left the surface for a moment while a force was wanted"),
+    "contact_lost": Kind(
+        Severity.ERROR, "the tool left the surface for longer than a bounce while the desired force was above zero"
+    ),
+    "contact_bounced": Kind(
+        Severity.WARNING, "the tool left the surface for a moment while the desired force was above zero"
+    ),
     "no_contact": Kind(
         Severity.ERROR,
-        "a force was wanted, but the tool never touched the surface, or no force law was in charge at the end",
+        "a force was desired, but the tool never touched the surface, or no force law was active at the end",
     ),
     "touched_again": Kind(
         Severity.INFO, "the tool left the surface again after a first touch, before the force law took over"
@@ -93,7 +97,8 @@ KINDS: dict[str, Kind] = {
         "error if the amplitude is more than half of the reference",
     ),
     "swings_beside_reference": Kind(
-        Severity.WARNING, "the true force oscillates more often, or much further, than its varying reference"
+        Severity.WARNING,
+        "the true force reverses more often, or varies over a much larger range, than its varying reference",
     ),
     "reference_not_followed": Kind(
         Severity.WARNING, "the true force changes by less than a tenth of the change of its varying reference"

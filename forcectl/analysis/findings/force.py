@@ -70,20 +70,22 @@ def _maximum(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
 
 
 def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
-    wanted = log.desired > 0
-    if not wanted.any() or log.true.min() < 0:  # a contact that can pull cannot be lost
+    desired = log.desired > 0
+    if not desired.any() or log.true.min() < 0:  # a contact that can pull cannot be lost
         return
     if not (log.true > 0).any():
-        text = f"no contact: up to {log.desired.max():.4g} N are wanted, and the tool never touches the surface"
+        text = (
+            f"no contact: the desired force is up to {log.desired.max():.4g} N, but the tool never touches the surface"
+        )
         if log.command is not None and log.command.min() >= 0 < log.command.max():
-            text += f"; the command goes {1e3 * log.command.max():.4g} mm away from it: into it is negative"
-        yield finding("no_contact", text, first_time(log.time, wanted))
+            text += f"; the command moves it up to {1e3 * log.command.max():.4g} mm away: into the surface is negative"
+        yield finding("no_contact", text, first_time(log.time, desired))
         return
-    if wanted[-1] and not log.regulated[-1]:
-        text = "no contact to regulate: at the end of the run the force law is not in charge, and"
-        yield finding("no_contact", f"{text} {log.desired[-1]:.4g} N are wanted", float(log.time[-1]))
-    # A loss counts if a force is wanted when it begins. Before the law is in charge it belongs to the approach.
-    losses = [part for part in _losses(log) if wanted[part.start]]
+    if desired[-1] and not log.regulated[-1]:
+        text = "no contact to regulate: at the end of the run the force law is not active, but the desired force is"
+        yield finding("no_contact", f"{text} {log.desired[-1]:.4g} N", float(log.time[-1]))
+    # A loss counts if a force is desired when it begins. Before the law is active it belongs to the approach.
+    losses = [part for part in _losses(log) if desired[part.start]]
     yield from _touched_again(log, [part for part in losses if not log.regulated[part.start]])
     losses = [part for part in losses if log.regulated[part.start]]
     spans = _spans(log, losses)
@@ -104,7 +106,7 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
 def _touched_again(log: Pressing, losses: list[slice]) -> Iterator[RunFinding]:
     if losses:
         total = sum(_spans(log, losses))
-        text = f"before the force law is in charge the tool leaves the surface {times(len(losses))}, for {total:.3g} s"
+        text = f"before the force law is active the tool leaves the surface {times(len(losses))}, for {total:.3g} s"
         yield finding("touched_again", f"{text} in all, and touches it again", float(log.time[losses[0].start]))
 
 
@@ -140,8 +142,8 @@ def _command(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         "lowest": (command - command.min(), log.desired - log.true, "below"),
         "highest": (command.max() - command, log.true - log.desired, "above"),
     }
-    for end, (apart, error, side) in ends.items():
-        at_end, missing = (apart <= _STANDS) & log.closed & (log.desired > 0), error > off
+    for end, (distance, error, side) in ends.items():
+        at_end, missing = (distance <= _STANDS) & log.closed & (log.desired > 0), error > off
         arrives = at_end[1:] & ~missing[1:] & (np.diff(log.desired) == 0)
         parts = [
             part
@@ -153,7 +155,7 @@ def _command(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
             extreme = command.min() if end == "lowest" else command.max()
             yield finding(
                 "command_saturated",
-                f"the displacement command stands at its {end} value, {1e3 * extreme:.4g} mm, for "
+                f"the displacement command stays at its {end} value, {1e3 * extreme:.4g} mm, for "
                 f"{lasts(log.time, longest):.3g} s, while the force is up to {error[longest].max():.3g} N {side} its "
                 "reference",
                 float(log.time[longest.start]),
@@ -171,7 +173,7 @@ def _estimate(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
             error = max(float(np.abs(log.desired - log.true)[part].max()) for part in parts)
             yield finding(
                 "estimate_at_bound",
-                f"the estimated compliance of the environment stands at its {side} bound, {bound:g} m/N, for "
-                f"{total:.3g} s: compliance alone does not explain the force, up to {error:.3g} N off its reference",
+                f"the estimated compliance of the environment stays at its {side} bound, {bound:g} m/N, for "
+                f"{total:.3g} s: it does not explain the force, which is up to {error:.3g} N off its reference",
                 float(log.time[parts[0].start]),
             )

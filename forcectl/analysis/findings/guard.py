@@ -29,10 +29,10 @@ _WHY = {
     Cause.FROZEN: "the force sensor repeats its reading",
     Cause.REFERENCE: "the desired force is not a number or beyond the sensor's range",
     Cause.CONTACT: "the contact is lost",
-    Cause.FORCE: "the force comes to the largest one",
+    Cause.FORCE: "the force exceeds maximum_force, or is predicted to",
     Cause.COMMAND: "the controller's command jumps or is not a number",
-    Cause.RESPONSE: "the force sensor shows too little for the way into the surface",
-    Cause.ENERGY: "too much energy goes into the surface",
+    Cause.RESPONSE: "the measured force is too small for the displacement into the surface",
+    Cause.ENERGY: "the energy that goes into the surface exceeds its limit",
 }
 
 

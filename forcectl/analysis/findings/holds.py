@@ -64,10 +64,10 @@ def moving_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFindin
     found: list[RunFinding] = []
     same = np.concatenate([[False], np.diff(log.desired) == 0]) & (log.desired > 0)
     for part in _long(log, log.sliding & same):
-        time, true, wanted = log.time[part], log.true[part], float(log.desired[part.start])
-        swings = swinging(time, true, _WIDE * wanted, _SWINGS)
+        time, true, reference = log.time[part], log.true[part], float(log.desired[part.start])
+        swings = swinging(time, true, _WIDE * reference, _SWINGS)
         if swings is not None:
-            one = _swings(swings, time, true, wanted, config)
+            one = _swings(swings, time, true, reference, config)
             found.append(replace(one, text=f"{one.text}, in motion along the surface"))
     for part in stretches(log.regulated & log.moves & same):
         found += _far_off(log, part)
@@ -86,16 +86,20 @@ def _far_off(log: Pressing, part: slice) -> Iterator[RunFinding]:
     if away:
         begin, total = float(time[away[0].start]), sum(lasts(time, each) for each in away)
         text = f"in motion along the surface the true force is up to {error.max():.3g} N off its constant reference"
-        yield finding("force_disturbed", f"{text}, by more than that for {total:.3g} s, from {begin:.3f} s on", begin)
+        yield finding(
+            "force_disturbed",
+            f"{text}, for {total:.3g} s by more than the reference itself, from {begin:.3f} s on",
+            begin,
+        )
 
 
 def _beside(log: Pressing, part: slice) -> Iterator[RunFinding]:
     """Whether the force, in the later half of an interval, varies more than its varying reference, or hardly at all."""
     later = slice((part.start + part.stop) // 2, part.stop)
-    time, true, wanted = log.time[later], log.true[later], log.desired[later]
-    least = _WIDE * float(wanted.mean())
-    turns, own = (len(turning_points(each, least)) for each in (true, wanted))
-    far, range_ = float(np.ptp(true)), float(np.ptp(wanted))
+    time, true, reference = log.time[later], log.true[later], log.desired[later]
+    least = _WIDE * float(reference.mean())
+    turns, own = (len(turning_points(each, least)) for each in (true, reference))
+    far, range_ = float(np.ptp(true)), float(np.ptp(reference))
     begin, end = float(time[0]), float(time[-1])
     during = f"from {begin:.3g} s to {end:.3g} s"
     if range_ >= least and true.all() and far < _FOLLOWED * range_:
@@ -104,9 +108,9 @@ def _beside(log: Pressing, part: slice) -> Iterator[RunFinding]:
         )
         yield finding("reference_not_followed", f"{text} {range_:.3g} N, {during}", begin)
     if turns - own >= _SWINGS:
-        text = f"the true force turns round {turns} times by at least {least:.3g} N, its reference {times(own)}"
+        text = f"the true force reverses {turns} times by at least {least:.3g} N, its reference {times(own)}"
     elif far > max(_FURTHER * range_, least):
-        text = f"the true force swings by {far:.3g} N from peak to peak, its reference by {range_:.3g} N"
+        text = f"the true force varies by {far:.3g} N from peak to peak, its reference by {range_:.3g} N"
     else:
         return
     yield finding("swings_beside_reference", f"{text}, {during}", begin)
@@ -118,60 +122,60 @@ def _long(log: Pressing, here: Mask) -> list[slice]:
 
 def _hold(log: Pressing, hold: slice, config: FindingsConfig) -> Iterator[RunFinding]:
     """Whether the force settles at a constant reference."""
-    time, true, wanted = log.time[hold], log.true[hold], float(log.desired[hold][0])
+    time, true, reference = log.time[hold], log.true[hold], float(log.desired[hold][0])
     tail = slice(int(np.searchsorted(time, time[-1] - _TAIL * (time[-1] - time[0]))), len(time))
-    found = swinging(time, true, config.swing_share * wanted, _SWINGS)
+    found = swinging(time, true, config.swing_share * reference, _SWINGS)
     if found is not None:
-        yield _swings(found, time, true, wanted, config)
+        yield _swings(found, time, true, reference, config)
     elif log.command is not None:
-        yield from _chatter(time[tail], log.command[hold][tail], wanted, log.compliance, config)
-    yield from _sticking(log, slice(hold.start + tail.start, hold.stop), wanted, config)
+        yield from _chatter(time[tail], log.command[hold][tail], reference, log.compliance, config)
+    yield from _sticking(log, slice(hold.start + tail.start, hold.stop), reference, config)
     if found is None:
-        yield from _disturbed(time, wanted - true, wanted, config)
-        yield from _settled(time, wanted - true, wanted, config, "run" if hold.stop == len(log.time) else "hold")
+        yield from _disturbed(time, reference - true, reference, config)
+        yield from _settled(time, reference - true, reference, config, "run" if hold.stop == len(log.time) else "hold")
 
 
-def _swings(found: Swinging, time: Signal, true: Signal, wanted: float, config: FindingsConfig) -> RunFinding:
+def _swings(found: Swinging, time: Signal, true: Signal, reference: float, config: FindingsConfig) -> RunFinding:
     """A limit cycle, or an unstable loop: its oscillation grows, or only the loss of contact bounds it."""
     grows = found.swings >= _GROWING and found.growth > config.growth
     half = time >= (found.begin + time[-1]) / 2
     losses, periods = len(stretches(half & (true == 0.0))), float(time[-1] - time[half][0]) / found.period
     leaves = 2 * losses >= periods
     text = (
-        f"the true force {'swings more and more' if grows else 'keeps swinging'}, by +-{found.amplitude:.3g} N "
-        f"({percent(found.amplitude / wanted)} of the reference) with a period of {found.period:.3g} s"
+        f"the true force {'oscillates more and more' if grows else 'keeps oscillating'}, by +-{found.amplitude:.3g} N "
+        f"({percent(found.amplitude / reference)} of the reference) with a period of {found.period:.3g} s"
     )
     if grows:
         return finding("unstable", f"unstable: {text}", found.begin)
     if leaves:
         return finding("unstable", f"unstable: {text}: only the loss of contact bounds it", found.begin)
     cycle = finding("limit_cycle", f"limit cycle: {text}", found.begin)
-    return replace(cycle, severity=Severity.ERROR) if found.amplitude > _WILD * wanted else cycle
+    return replace(cycle, severity=Severity.ERROR) if found.amplitude > _WILD * reference else cycle
 
 
-def _disturbed(time: Signal, error: Signal, wanted: float, config: FindingsConfig) -> Iterator[RunFinding]:
+def _disturbed(time: Signal, error: Signal, reference: float, config: FindingsConfig) -> Iterator[RunFinding]:
     """Whether a force that had settled deviates far from its constant reference again."""
     calm = [
         part
-        for part in stretches(np.abs(error) <= config.settled_share * wanted)
+        for part in stretches(np.abs(error) <= config.settled_share * reference)
         if lasts(time, part) >= config.saturated
     ]
-    if not calm or (error > (1 - TOUCH) * wanted)[calm[0].stop :].any():  # loss of contact is reported as such
+    if not calm or (error > (1 - TOUCH) * reference)[calm[0].stop :].any():  # loss of contact is reported as such
         return
     later = np.abs(error[calm[0].stop :])
-    if later.max(initial=0.0) > _DISTURBED * wanted:
+    if later.max(initial=0.0) > _DISTURBED * reference:
         begin = float(time[calm[0].stop])
         text = f"the force had settled, and is then up to {later.max():.3g} N off its constant reference"
         yield finding("force_disturbed", f"{text}, from {begin:.3f} s on", begin)
 
 
-def _settled(time: Signal, error: Signal, wanted: float, config: FindingsConfig, what: str) -> Iterator[RunFinding]:
+def _settled(time: Signal, error: Signal, reference: float, config: FindingsConfig, what: str) -> Iterator[RunFinding]:
     """Whether the force is within its band at the end of a hold, unless that is too short to tell.
 
     Args:
         time: of the hold [s].
         error: reference minus true force [N].
-        wanted: reference [N].
+        reference: constant desired force [N].
         config: thresholds.
         what: ends with the hold: "run" or "hold".
     """
@@ -179,39 +183,39 @@ def _settled(time: Signal, error: Signal, wanted: float, config: FindingsConfig,
         return
     begin, last = (int((1 - share) * len(time)) for share in (2 * _END, _END))
     off = float(np.abs(error[last:]).max(initial=0.0))
-    if off <= config.settled_share * wanted:
+    if off <= config.settled_share * reference:
         return
     text = (
-        f"not settled: at the end of the {what} the true force is {wanted - error[-1]:.4g} N, up to {off:.3g} N off "
+        f"not settled: at the end of the {what} the true force is {reference - error[-1]:.4g} N, up to {off:.3g} N off "
         f"its reference in the last tenth of {time[-1] - time[0]:.3g} s"
     )
     same_side = (error[begin:] > 0).all() or (error[begin:] < 0).all()
     if same_side and np.abs(error[last:]).mean() < _APPROACHING * np.abs(error[begin:last]).mean():
-        text = f"{text}, and on its way: a longer {what} would tell"
+        text = f"{text}, and approaches it: a longer {what} would show more"
         yield RunFinding("not_settled", Severity.INFO, text, float(time[-1]))
     else:
         yield finding("not_settled", text, float(time[-1]))
 
 
-def _sticking(log: Pressing, tail: slice, wanted: float, config: FindingsConfig) -> Iterator[RunFinding]:
+def _sticking(log: Pressing, tail: slice, reference: float, config: FindingsConfig) -> Iterator[RunFinding]:
     """Joints that stick and slip, to another force each time, in the later part of a constant reference."""
     time, true, found = log.time[tail], log.true[tail], {}
     for name, motor in log.motors.items():
         parts = rests(time, motor[tail], config.stuck)
         forces = np.array([true[part].mean() for part in parts])
-        jumps = np.flatnonzero(np.abs(np.diff(forces)) >= config.swing_share * wanted)
+        jumps = np.flatnonzero(np.abs(np.diff(forces)) >= config.swing_share * reference)
         if len(jumps) + 1 >= max(config.releases, 2):
             found[name] = (len(jumps) + 1, float(time[parts[jumps[0]].stop]))
     if found:
         most, begin = max(count for count, _ in found.values()), min(begin for _, begin in found.values())
-        who = f"{', '.join(found)} {'sticks and lets' if len(found) == 1 else 'stick and let'} go"
+        who = f"{', '.join(found)} {'sticks and slips' if len(found) == 1 else 'stick and slip'}"
         yield finding("stick_slip", f"{who} up to {most} times under a constant reference", begin)
 
 
 def _chatter(
-    time: Signal, command: Signal, wanted: float, compliance: float, config: FindingsConfig
+    time: Signal, command: Signal, reference: float, compliance: float, config: FindingsConfig
 ) -> Iterator[RunFinding]:
-    least = config.chatter_share * wanted * compliance
+    least = config.chatter_share * reference * compliance
     points = turning_points(command, least)
     if len(points) < 3:  # no full period
         return
@@ -221,7 +225,7 @@ def _chatter(
         jerk = float(np.sqrt(np.mean(np.diff(command, 3) ** 2))) / step**3
         yield finding(
             "chatter",
-            f"the displacement command chatters at rest: it turns round {rate:.3g} times a second, by "
-            f"{1e6 * swing:.3g} um each, with a jerk of {jerk:.3g} m/s^3 root mean square",
+            f"the displacement command chatters at rest: it reverses {rate:.3g} times a second, by "
+            f"{1e6 * swing:.3g} um each time, with a root mean square jerk of {jerk:.3g} m/s^3",
             float(time[points[0]]),
         )

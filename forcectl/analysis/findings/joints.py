@@ -61,7 +61,7 @@ def joint_findings(log: Any, setting: Setting, config: FindingsConfig) -> Iterat
             yield finding("command_saturated", f"{text} in {share:.2g} % of the ticks", first_time(time, full[:, k]))
     if (shares := signals.get("torque_share")) is not None:
         for k in np.flatnonzero((shares > 1.0).sum(axis=0) > _FEW):
-            text = f"{names[k]} may need {100 * shares[:, k].max():.0f} % of the torque that its motor has"
+            text = f"{names[k]} may need {100 * shares[:, k].max():.0f} % of the torque limit of its motor"
             yield finding("torque_beyond_limits", text, first_time(time, shares[:, k] > 1.0))
     if command is not None and speed is not None:
         period = setting.truth.period
@@ -110,16 +110,17 @@ def _sticking(
         times = []
         for on in (1.0, -1.0):
             for going in stretches(on * speed[:, k] > _MOVES):
-                way = on * motors[going, k]
-                for rest in rests(time[going], way, config.stuck):
+                moved = on * motors[going, k]
+                for rest in rests(time[going], moved, config.stuck):
                     # A joint may rest where it reverses.
-                    if way[rest.start] > way[rest.start - 1] and way[rest.stop + 1] > way[rest.stop]:
+                    before, after = rest.start - 1, rest.stop + 1
+                    if moved[rest.start] > moved[before] and moved[after] > moved[rest.stop]:
                         times.append(float(time[going][rest.stop]))
         times.sort()
         # Repeated releases only, not rare ones, such as those caused by external forces.
         near = [begin for begin, end in zip(times, times[config.releases - 1 :], strict=False) if end - begin <= _AGAIN]
         if near:
-            text = f"{name} sticks and lets go {len(times)} times while its command moves on"
+            text = f"{name} sticks and slips {len(times)} times while its command moves on"
             yield finding("stick_slip", text, near[0])
 
 
@@ -133,9 +134,9 @@ def task_findings(log: Any, setting: Setting) -> Iterator[RunFinding]:
     if not log.sizes["time"]:
         return
     yield from _fallbacks(log)
-    way = stays(log)
-    if way:
-        yield from _machine(log, way)
+    visited = stays(log)
+    if visited:
+        yield from _machine(log, visited)
     elif "task_target" in log and "reached" in log:
         yield from _targets(log, setting)
 
@@ -150,17 +151,18 @@ def _fallbacks(log: Any) -> Iterator[RunFinding]:
         fallen |= here
         if here.any():
             worst = Status(int(status.max()))
-            why = f"its program has no solution ({worst.name.lower().replace('_', ' ')})"
+            why = f"its optimisation problem has no solution ({worst.name.lower().replace('_', ' ')})"
             if worst is Status.NOT_FINITE:
                 poor = _poor_readings(log, here) if name == "status" else ""
-                why = poor or "a reference, a reading or a constraint is not a number, or a constraint raises"
+                why = poor or "a reference, reading or constraint is not a number, or a constraint raises an error"
             yield finding(
-                "solver_fallback", f"the controller falls back in {_ticks(here)}: {why}", first_time(time, here)
+                "solver_fallback", f"the controller uses its fallback in {_ticks(here)}: {why}", first_time(time, here)
             )
     if "holding" in log:
         held = _any(log["holding"].values > 0) & ~fallen
         if held.any():
-            text = f"the controller brakes or holds the joints in {_ticks(held)}, though its program has a solution"
+            why = "though its optimisation problem has a solution"
+            text = f"the controller brakes or holds the joints in {_ticks(held)}, {why}"
             yield finding("held", text, first_time(time, held))
 
 
@@ -168,7 +170,7 @@ def _poor_readings(log: Any, here: Mask) -> str:
     """Joints whose readings were invalid for the controller in these ticks, and why; "" if there are none."""
     if "reading_ok" not in log or log["reading_ok"].dims != ("time", "joint"):
         return ""
-    poor, said = (log["reading_ok"].values < 0.5) & here[:, np.newaxis], []
+    poor, texts = (log["reading_ok"].values < 0.5) & here[:, np.newaxis], []
     read = [log[name].values for name in ("joint_position", "joint_velocity") if name in log]
     for k in np.flatnonzero(poor.any(axis=0)):
         at = np.flatnonzero(poor[:, k])
@@ -178,44 +180,46 @@ def _poor_readings(log: Any, here: Mask) -> str:
             what = "repeats while its command moves on"
         else:
             what = "is far from its command"
-        said.append(f"the reading of {log['joint'].values[k]} {what}")
-    return ", ".join(said[:_SHOWN]) + (f" (and of {len(said) - _SHOWN} more)" if len(said) > _SHOWN else "")
+        texts.append(f"the reading of {log['joint'].values[k]} {what}")
+    return ", ".join(texts[:_SHOWN]) + (f" (and of {len(texts) - _SHOWN} more)" if len(texts) > _SHOWN else "")
 
 
-def _machine(log: Any, way: list[Any]) -> Iterator[RunFinding]:
-    last = way[-1]
+def _machine(log: Any, visited: list[Any]) -> Iterator[RunFinding]:
+    last = visited[-1]
     if last.kind == 2:
-        before = f" after '{way[-2].mode}'" if len(way) > 1 else ""
+        before = f" after '{visited[-2].mode}'" if len(visited) > 1 else ""
         reason = f": {last.reason}" if last.reason else ""
         text = f"the state machine ended in the failure '{last.mode}'{before}, at {last.begin:.3f} s{reason}"
         just = (log["time"].values > last.begin - _HELD_BACK) & (log["time"].values < last.begin - _ROUNDING)
         if "active_constraints" in log and just.any() and (log["active_constraints"].values[just] > 0).all():
-            text += "; limits or constraints, such as the distance of links, held the motion back before"
+            text += (
+                f"; limits or constraints, such as the distance of links, were active in the {_HELD_BACK:g} s before"
+            )
         yield finding("machine_failed", text, last.begin)
     elif last.kind == 0:
-        text = f"the run ended at {last.end:.3f} s in the mode '{last.mode}', before the state machine"
+        text = f"the run ended at {last.end:.3f} s in the mode '{last.mode}', before the state machine ended"
         yield finding("machine_not_ended", text, last.end)
 
 
 def _targets(log: Any, setting: Setting) -> Iterator[RunFinding]:
     ticks = log.sizes["time"]
-    target, place = (log[f"task_{name}"].values.reshape(ticks, -1) for name in ("target", "position"))
-    if log["reached"].values[-1] > 0 or target.shape != place.shape or not np.isfinite(target[-1]).any():
+    target, position = (log[f"task_{name}"].values.reshape(ticks, -1) for name in ("target", "position"))
+    if log["reached"].values[-1] > 0 or target.shape != position.shape or not np.isfinite(target[-1]).any():
         return
-    apart, time = np.nan_to_num(place[-1] - target[-1]), log["time"].values
+    error, time = np.nan_to_num(position[-1] - target[-1]), log["time"].values
     changes = np.flatnonzero((np.diff(np.nan_to_num(target), axis=0) != 0).any(axis=1))
     begun = float(time[changes[-1] + 1]) if len(changes) else float(time[0])
-    if np.abs(apart).max() <= _NEAR or (len(changes) and time[-1] - begun < _JUST_GIVEN):
+    if np.abs(error).max() <= _NEAR or (len(changes) and time[-1] - begun < _JUST_GIVEN):
         return
     arms = list(setting.truth.known_robot().parts.arms)
-    if len(apart) == _POSE * len(arms):
-        lengths = np.linalg.norm(apart.reshape(-1, _POSE)[:, :3], axis=1)
-        where = ", ".join(f"{arm} {1e3 * length:.3g} mm" for arm, length in zip(arms, lengths, strict=True))
+    if len(error) == _POSE * len(arms):
+        lengths = np.linalg.norm(error.reshape(-1, _POSE)[:, :3], axis=1)
+        where = ", ".join(f"{1e3 * length:.3g} mm ({arm})" for arm, length in zip(arms, lengths, strict=True))
     else:
-        where = f"coordinate {int(np.abs(apart).argmax()) + 1} of the tasks {np.abs(apart).max():.3g} m or rad"
+        where = f"{np.abs(error).max():.3g} m or rad in coordinate {int(np.abs(error).argmax()) + 1} of the tasks"
     stalled = log["stalled"].values[-1] > 0
-    said = "and come no nearer" if stalled else "and still on the way"
-    text = f"the last targets, of {begun:.3g} s, are not reached: {where} from them at the end {said}"
+    trend = "and no longer decreases" if stalled else "and still decreases"
+    text = f"the last targets, set at {begun:.3g} s, are not reached: the distance at the end is {where} {trend}"
     yield finding("target_stalled" if stalled else "target_not_reached", text, float(time[-1]))
 
 

@@ -18,14 +18,14 @@ class Pressing(NamedTuple):
     Attributes:
         time: [s].
         desired, measured, true: forces [N].
-        contact: state of the contact, see `ContactMode`; None of a station that does not put it out.
+        contact: state of the contact, see `ContactMode`; None of a station without this output.
         command: displacement [m]; None where it is not logged.
         displacement: of the tool along the normal by the motors [m]; None where it is not logged.
         motors: positions of the motors by the names of the joints [rad].
-        regulated: whether the force law is in charge: tuned, and past the first touch.
-        closed: whether the force law is in charge, and the tool is not in motion along the surface.
+        regulated: whether the force law is active: tuned, and past the first touch.
+        closed: whether the force law is active, and the tool is not in motion along the surface.
         moves: whether the tool is in motion along the surface.
-        sliding: whether the force law is in charge in motion along an even surface.
+        sliding: whether the force law is active in motion along an even surface.
         compliance: C_T [m/N].
         estimate: C_E_hat [m/N]; None of a law that does not estimate it.
     """

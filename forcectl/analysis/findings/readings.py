@@ -71,13 +71,13 @@ def _off(time: Signal, measured: Signal, true: Signal, limit: float) -> Iterator
     ticks = max(_AT_REST, round(_WINDOW * (len(time) - 1) / float(time[-1] - time[0])))
     count = len(time) // ticks
     shown, real = (signal[: count * ticks].reshape(count, ticks) for signal in (measured, true))
-    mean, seen = real.mean(axis=1), _finite(shown).mean(axis=1)
+    mean, measured_mean = real.mean(axis=1), _finite(shown).mean(axis=1)
     rests = (np.ptp(real, axis=1) <= _RESTS * mean) & (mean >= _LEAST * true.max()) & (real.max(axis=1) < limit)
-    wrong = rests & (np.abs(seen - mean) > _OFF * mean)
+    wrong = rests & (np.abs(measured_mean - mean) > _OFF * mean)
     # Behind a filter or a delay, readings follow the force late.
     lasting = np.flatnonzero(np.convolve(wrong, np.ones(_LASTING), mode="valid") == _LASTING)
     if lasting.size:
         first, last = int(lasting[0]), int(lasting[-1]) + _LASTING - 1
-        says = f"{seen[last]:.4g} N" if np.isfinite(shown[last]).all() else "no number"
-        text = f"the force sensor is off: it shows {says} where the true force is {mean[last]:.4g} N"
+        reading = f"{measured_mean[last]:.4g} N" if np.isfinite(shown[last]).all() else "no number"
+        text = f"the force sensor has a large error: it shows {reading} where the true force is {mean[last]:.4g} N"
         yield finding("sensor_off", text, float(time[first * ticks]))

@@ -16,12 +16,12 @@ _OF_BOTH: dict[str, Metric] = {
     "overshoot_N": Metric(
         "N",
         "largest excess of the measured force beyond the reference, in the direction of the step",
-        "max of s (F - F_r) from where F first comes to F_r; s: sign of the step",
+        "max of s (F - F_r) from where F first reaches F_r; s: sign of the step",
     ),
     "overshoot_pct": Metric(
         "%",
         "largest excess of the measured force beyond the reference, in the direction of the step, in percent of it",
-        "100 max of s (F - F_r) / F_r, from where F first comes to F_r",
+        "100 max of s (F - F_r) / F_r, from where F first reaches F_r",
     ),
     "settling_time_5pct_s": Metric(
         "s",
@@ -131,7 +131,7 @@ MOTION_METRICS: dict[str, Metric] = {
 RUN_METRICS: dict[str, Metric] = {
     "peak_force_N": Metric("N", "largest true contact force of the run", "max F_c"),
     "peak_measured_force_N": Metric(
-        "N", "largest measured force of the run", "max F", "negative: the sensor never showed pressing"
+        "N", "largest measured force of the run", "max F", "negative: the measured force was never positive"
     ),
     "contact_loss_s": Metric("s", "total time without contact after the first contact", "sum of dt with F_c = 0"),
     "run_model_error_sd_N": Metric(
@@ -171,7 +171,7 @@ TUNING_METRICS: dict[str, Metric] = {
     ),
 }
 METRICS = STEP_METRICS | TRACKING_METRICS | MOTION_METRICS | TUNING_METRICS | RUN_METRICS
-# Of two variants; only to be asked for in `expect`.
+# Of two variants; only available in `expect`.
 PAIR_METRICS: dict[str, Metric] = {
     "force_distance_N": Metric(
         "N", "largest difference between the measured forces of two variants", "max |F - F of the other|"

@@ -163,7 +163,7 @@ WRENCH_ERROR_METRICS: dict[str, Metric] = {
     "friction_off_pct": Metric(
         "%",
         "assumption of the run: largest error of the Coulomb friction in the model",
-        "100 max |tau_c believed / tau_c - 1|",
+        "100 max |tau_c of the model / tau_c - 1|",
     ),
 }
 FRICTION_METRICS: dict[str, Metric] = {

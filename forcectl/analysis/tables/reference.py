@@ -44,22 +44,22 @@ Made from the code by `forcectl explain > docs/metrics.md`; `forcectl explain ov
 that the signals of a run do not determine is null in `metrics.json`: a settling time of a force that did not settle, an
 overshoot of a sine.
 
-F is the measured force, behind the filter of its sensor, and F_c the true contact force: what begins with `true_` is
-the same metric of F_c. F_r is the reference, s the sign of a step of it, F_M the response of the reference model, dx
-the displacement command; q joint positions, q' and so on their derivatives, _ref what is commanded; f and m true forces
-and torques, tau joint torques, tau_c Coulomb friction, _hat an estimate. Times of a step count from the step, and
-shares of F_r are of the height of the step where F_r is zero after it. With several steps, `step_2.overshoot_N` is that
-of the second, and `overshoot_N` that of the last; a step is a change of F_r within two samples. `left.reached` is that
-of one arm, joint or mode, `NAME.overshoot_N` that of one of several surfaces. `expect` of a scenario judges what is
-named in it; published numbers were measured with a sensor, so they stand beside F.
+F is the measured force, after the filter of its sensor, and F_c the true contact force: a metric that begins with
+`true_` is the same one of F_c. F_r is the reference, s the sign of a step of it, F_M the response of the reference
+model, dx the displacement command; q joint positions, q' and so on their derivatives, _ref a command; f and m true
+forces and torques, tau joint torques, tau_c Coulomb friction, _hat an estimate. Times of a step count from the step,
+and shares of F_r are of the height of the step where F_r is zero after it. With several steps, `step_2.overshoot_N` is
+that of the second, and `overshoot_N` that of the last; a step is a change of F_r within two samples. `left.reached` is
+that of one arm, joint or mode, `NAME.overshoot_N` that of one of several surfaces. `expect` of a scenario checks the
+metrics that it names. Published numbers were measured with a sensor, so they are to be compared with F.
 """
 _FINDINGS = """## Findings
 
-After every run `forcectl run` prints what is wrong with it, a line each, judged from the log, truth included. The same
-stands as `findings` in `metrics.json`, in Python as `result.findings`, and at its time in the figures. The key
-`findings` of a scenario holds the thresholds, as in `findings: {largest_force: 30.0}`, and with `ignore` the kinds that
-are not wanted; the resolved `scenario.yaml` of a run shows all of them. `forcectl run --strict error` exits with 1 on
-an error, `--strict` alone also on a warning. An analysis of one's own adds findings by a method
+After every run `forcectl run` prints its findings, one line each. They are computed from the log, true signals
+included. The same findings are in `metrics.json` as `findings`, in Python as `result.findings`, and in the figures,
+each at its time. The key `findings` of a scenario holds the thresholds, as in `findings: {largest_force: 30.0}`, and in
+`ignore` the kinds to leave out; the resolved `scenario.yaml` of a run shows all of them. `forcectl run --strict error`
+exits with 1 on an error, `--strict` alone also on a warning. An analysis of one's own adds findings by a method
 `findings(log, setting)`, see [Fill a slot](slots.md).
 """
 
@@ -107,7 +107,7 @@ def _lines() -> Iterator[str]:
             yield _row(f"`{name}`", unit, meaning, f"`{formula}`", sign)
         yield ""
     yield _FINDINGS
-    yield from _table("severity", "says")
+    yield from _table("severity", "meaning")
     for severity in Severity:
         yield _row(f"`{severity.word}`", severity.meaning)
     yield ""

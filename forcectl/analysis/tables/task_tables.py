@@ -109,8 +109,8 @@ ASSEMBLY_METRICS: dict[str, Metric] = {
     "peg_full_depth": Metric("1", "1 if the peg was at its seat, else 0", "1 or 0"),
     "cap_full_depth": Metric("1", "1 if the cap was locked and straight, else 0", "1 or 0"),
     "both_full_depth": Metric("1", "1 if peg and cap were at full depth, else 0", "peg_full_depth and cap_full_depth"),
-    "peg_stays": Metric("1", "1 if the peg is at its seat at the end, in no hand, else 0", "1 or 0"),
-    "cap_stays": Metric("1", "1 if the cap is locked and straight at the end, in no hand, else 0", "1 or 0"),
+    "peg_stays": Metric("1", "1 if the peg is at its seat at the end and held by no arm, else 0", "1 or 0"),
+    "cap_stays": Metric("1", "1 if the cap is locked and straight at the end and held by no arm, else 0", "1 or 0"),
     "both_stays": Metric(
         "1",
         "1 if peg and cap stay, and no contact force was above the limit, else 0",
@@ -159,7 +159,9 @@ TOUCH_DOWN_METRICS: dict[str, Metric] = {
     ),
 }
 SURFACE_ALIGNMENT_METRICS: dict[str, Metric] = {
-    "tilt_at_start_deg": Metric("deg", "angle between the tool's axis and the normal at the start", "angle between"),
+    "tilt_at_start_deg": Metric(
+        "deg", "angle between the tool's axis and the normal at the start", "angle between the axis and n"
+    ),
     "tilt_at_end_deg": Metric(
         "deg", "angle between the tool's axis and the normal at the end", "angle between the axis and n"
     ),
@@ -201,7 +203,9 @@ SIDE_FORCE_METRICS: dict[str, Metric] = {
     ),
 }
 SURFACE_FOLLOWING_METRICS: dict[str, Metric] = {
-    "normal_turns_deg": Metric("deg", "range of the angle of the normal under the tool from `begin` on", "max - min"),
+    "normal_turns_deg": Metric(
+        "deg", "range of the angle of the normal under the tool from `begin` on", "max - min of the angle"
+    ),
     "normal_force_mean_N": Metric(
         "N", "mean of the true force along the true normal from `begin` on", "mean(F_c) from `begin` on"
     ),

@@ -310,7 +310,7 @@ class SurfaceConfig(Config, in_batches=True):
 
     @property
     def even(self) -> bool:
-        """Whether the surface is a plane at rest of one height: motion along it does not change the contact force."""
+        """Whether the surface is a plane at rest, level or sloped: no height profiles, materials of one height."""
         return (self.materials is None or self.materials.flat) and not self.moves and not self.heights
 
     @property

@@ -9,7 +9,7 @@ import forcectl as fc
 from forcectl.analysis.findings.finding import RunFinding, Severity
 from forcectl.motion.loads import LoadConfig
 
-WORDS: Any = re.compile(r"the surface gives (.+) um/N, that of the model (.+) um/N: it is (.+) times as (.+)")
+WORDS: Any = re.compile(r"the compliance of the surface is (.+) um/N, in the model (.+) um/N: it is (.+) times as (.+)")
 STIFFNESS, MODEL = "station.environment.stiffness", "model.environment_compliance"
 
 

@@ -114,7 +114,7 @@ def test_a_sound_run_has_none(name: str) -> None:
 def test_a_run_that_is_too_short_says_so_without_a_warning() -> None:
     (one,) = found(**{GAIN: 0.8, "duration": 1.5})
     assert (one.kind, one.severity) == ("not_settled", Severity.INFO)
-    assert one.text.endswith("and on its way: a longer run would tell")
+    assert one.text.endswith("and approaches it: a longer run would show more")
 
 
 TIME = 0.002 * np.arange(2001)
@@ -138,7 +138,7 @@ def judged(true: Any, **changes: Any) -> list[RunFinding]:
 def test_a_limit_cycle_is_told_with_its_amplitude_and_period() -> None:
     (one,) = judged(10.0 + 0.3 * np.sin(2 * np.pi * TIME / 0.5))
     assert one.text == (
-        "limit cycle: the true force keeps swinging, by +-0.3 N (3 % of the reference) with a period of 0.5 s"
+        "limit cycle: the true force keeps oscillating, by +-0.3 N (3 % of the reference) with a period of 0.5 s"
     )
 
 
@@ -182,7 +182,7 @@ def test_a_force_that_is_off_at_the_end_of_an_earlier_hold_is_not_settled() -> N
     assert one.text.startswith("not settled: at the end of the hold the true force is 8 N")
     slow = np.where(TIME < 1.2, 10.0 * (1 - np.exp(-2 * TIME)), STEPS)
     (one,) = judged(slow, desired=STEPS)
-    assert (one.severity, "a longer hold would tell" in one.text) == (Severity.INFO, True)
+    assert (one.severity, "a longer hold would show more" in one.text) == (Severity.INFO, True)
 
 
 def test_swings_that_only_the_loss_of_contact_bounds_are_unstable() -> None:
@@ -232,7 +232,9 @@ def test_the_largest_force_beside_what_the_sensor_shows_of_it() -> None:
 def test_a_command_that_goes_the_wrong_way_is_told_beside_the_missing_contact() -> None:
     away, none = 1e-3 * TIME / TIME[-1], np.zeros_like(TIME)
     (one,) = (each for each in judged(none, command=away) if each.kind == "no_contact")
-    assert one.text.endswith("never touches the surface; the command goes 1 mm away from it: into it is negative")
+    assert one.text.endswith(
+        "never touches the surface; the command moves it up to 1 mm away: into the surface is negative"
+    )
     (one,) = (each for each in judged(none, command=-away) if each.kind == "no_contact")
     assert one.text.endswith("never touches the surface")
 

@@ -64,9 +64,9 @@ def test_swings_beside_a_reference_are_counted_and_measured() -> None:
     (one,) = judged(SINE + 1.5 * SWING, desired=SINE)
     assert one.kind == "swings_beside_reference"
     assert one.severity == Severity.WARNING
-    assert "turns round 17 times by at least 1 N, its reference 3 times" in one.text
+    assert "reverses 17 times by at least 1 N, its reference 3 times" in one.text
     (far,) = judged(10.0 + 2.0 * (SINE - 10.0), desired=SINE)
-    assert "the true force swings by 12 N from peak to peak, its reference by 6 N" in far.text
+    assert "the true force varies by 12 N from peak to peak, its reference by 6 N" in far.text
     # A loop that lags, falls short of, or goes a little beyond its reference does not.
     for true in (10.0 + 1.3 * (SINE - 10.0), np.roll(SINE, 100), 10.0 + 0.2 * (SINE - 10.0), SINE + 0.3 * SWING):
         assert judged(true, desired=SINE) == []

@@ -106,7 +106,7 @@ def test_a_motor_at_its_torque_limit_is_saturated() -> None:
 def test_a_drive_without_a_limit_is_told_of_a_motor_that_may_need_more_than_it_has() -> None:
     (one,) = of_joints(torque_share=on_joint(2, 1.2 * np.sin(7 * TIME)))
     assert one.kind == "torque_beyond_limits"
-    assert one.text == f"{JOINTS[2]} may need 120 % of the torque that its motor has"
+    assert one.text == f"{JOINTS[2]} may need 120 % of the torque limit of its motor"
     assert of_joints(torque_share=on_joint(2, 0.98 * np.sin(7 * TIME))) == []
 
 
@@ -151,11 +151,11 @@ def test_targets_that_are_not_reached_are_told_with_their_distance() -> None:
     (one,) = of_tasks(**off)
     assert one.kind == "target_not_reached"
     assert one.text == (
-        "the last targets, of 0.5 s, are not reached: left 270 mm from them at the end and still on the way"
+        "the last targets, set at 0.5 s, are not reached: the distance at the end is 270 mm (left) and still decreases"
     )
     (one,) = of_tasks(**off, stalled=np.ones(len(TIME)))
     assert one.kind == "target_stalled"
-    assert one.text.endswith("and come no nearer")
+    assert one.text.endswith("and no longer decreases")
     # What is nearly there is there, and what is sent elsewhere in the last moment is not late.
     assert of_tasks(**(off | {"task_position": np.tile([0.3005, 0.2, 0.1, 0.0, 0.0, 0.0], (len(TIME), 1))})) == []
     late = place.copy()
@@ -183,19 +183,23 @@ duration: 0.4
 @pytest.mark.slow
 def test_a_reach_beyond_the_arm_ends_in_words() -> None:
     """The same reach, cut short; one that has the time for its target is in the tests of the controller."""
-    for duration, kind, end in ((0.4, "target_not_reached", "still on the way"), (2.6, "target_stalled", "no nearer")):
+    for duration, kind, end in (
+        (0.4, "target_not_reached", "still decreases"),
+        (2.6, "target_stalled", "no longer decreases"),
+    ):
         result = fc.run(fc.load_scenario(parse(REACH, "far.yaml"), overrides={"duration": duration}))
         (one,) = result.findings["default"]
         assert one.kind == kind
         assert one.text.endswith(end)
-        assert "right 0 mm" in one.text
+        assert "0 mm (right)" in one.text
 
 
 def test_ticks_without_a_solution_and_ticks_that_only_hold_are_told_apart() -> None:
     ticks = ((TIME > 1.0) & (TIME < 1.0101)).astype(float)
     (one,) = of_tasks(status=3.0 * ticks, holding=ticks)
     assert (one.kind, one.time) == ("solver_fallback", pytest.approx(1.004))
-    assert one.text == "the controller falls back in 2 of 501 ticks: its program has no solution (solver failed)"
+    why = "its optimisation problem has no solution (solver failed)"
+    assert one.text == f"the controller uses its fallback in 2 of 501 ticks: {why}"
     (one,) = of_tasks(holding=ticks)
     assert one.kind == "held"
     assert of_tasks(status=1.0 * ticks) == []  # soft rows are missed, as they may be
@@ -216,9 +220,9 @@ def test_readings_that_stop_a_controller_are_told_by_joint(read: Any, what: str)
     late = (poor & (TIME > 1.0101)).astype(float)  # the controller bridges a gap of some ticks
     (one,) = of_tasks(status=4.0 * late, holding=late, reading_ok=ok, joint_position=position)
     told = f"the reading of {JOINTS[2]} {what}"
-    assert (one.kind, one.text) == ("solver_fallback", f"the controller falls back in 3 of 501 ticks: {told}")
+    assert (one.kind, one.text) == ("solver_fallback", f"the controller uses its fallback in 3 of 501 ticks: {told}")
     (one,) = of_tasks(status=4.0 * late, holding=late, reading_ok=np.ones((len(TIME), 7)))
-    assert one.text.endswith("a reference, a reading or a constraint is not a number, or a constraint raises")
+    assert one.text.endswith("a reference, reading or constraint is not a number, or a constraint raises an error")
 
 
 @pytest.mark.parametrize(("end", "kinds"), [(2.0, ["machine_failed"]), (0.0, ["machine_not_ended"]), (1.0, [])])
@@ -238,7 +242,7 @@ def test_a_machine_that_fails_or_does_not_end_is_told(end: float, kinds: list[st
             log["active_constraints"] = ("time", (begin < TIME) & (TIME < 1.2))
             (one,) = task_findings(log, ARM)
             assert one.text == told + held_back * (
-                "; limits or constraints, such as the distance of links, held the motion back before"
+                "; limits or constraints, such as the distance of links, were active in the 0.1 s before"
             )
 
 

@@ -69,6 +69,6 @@ def test_a_force_beyond_the_range_is_not_compared():
 def test_readings_that_are_no_numbers_do_no_harm():
     measured = np.where(TIME < 1.5, TRUE + NOISE, np.nan)
     (one,) = reading_findings(TIME, measured, TRUE, 200.0)
-    assert one.text == "the force sensor is off: it shows no number where the true force is 15 N"
+    assert one.text == "the force sensor has a large error: it shows no number where the true force is 15 N"
     assert kinds(np.full(1000, np.inf)) == ["sensor_off"]
     assert kinds(np.zeros(1000), np.zeros(1000)) == []

@@ -329,9 +329,7 @@ def test_energy_that_goes_into_a_surface_is_bounded(energy, status):
 
 
 def test_a_largest_force_of_arms_needs_their_estimated_forces():
-    with pytest.raises(
-        BadInputError, match=r"guard.maximum_force = 30.0: must be null, or .* put out estimated_wrench"
-    ):
+    with pytest.raises(BadInputError, match=r"guard.maximum_force = 30.0: must be null, or .* output estimated_wrench"):
         fc.build("fig_5_3", overrides={"guard.maximum_force": 30.0})
 
 

@@ -371,7 +371,7 @@ def test_a_name_of_a_box_and_of_a_shape_says_neither() -> None:
 def test_the_signal_of_the_modes_must_be_there() -> None:
     made = of_modes(MODES)
     made.estimators.clear()
-    with pytest.raises(BadInputError, match=r"wants mode .*, which nothing puts out"):
+    with pytest.raises(BadInputError, match=r"reads mode .*, which no part outputs"):
         fc.build(made)
 
 

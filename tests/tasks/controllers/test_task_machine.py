@@ -223,10 +223,10 @@ def test_a_force_that_guards_read_is_estimated() -> None:
         fc.build(
             parse(STATION.replace("estimators: {force: !ForceEstimator {}}", "estimators: {}") + LOWER, "own.yaml")
         )
-    assert "scenario: controller.modes.lower.exits.0.when wants estimated_wrench (of the environment" in str(
+    assert "scenario: controller.modes.lower.exits.0.when reads estimated_wrench (of the environment" in str(
         error.value
     )
-    assert str(error.value).endswith("puts it out, such as `estimators: {force: !ForceEstimator {}}`")
+    assert str(error.value).endswith("outputs it, such as `estimators: {force: !ForceEstimator {}}`")
 
 
 def test_the_machine_is_drawn() -> None:
@@ -257,7 +257,7 @@ def test_a_run_goes_on_for_as_long_as_asked_after_the_machine_ended() -> None:
 def test_in_a_loop_it_tares_the_estimator_and_asks_for_what_is_missing() -> None:
     """Without parts in the hands nothing says what the grippers hold; a machine that does not ask runs."""
     with pytest.raises(
-        BadInputError, match=r"controller\.modes\.lower\.exits\.1\.when wants gripper_holds .*which nothing puts out"
+        BadInputError, match=r"controller\.modes\.lower\.exits\.1\.when reads gripper_holds .*which no part outputs"
     ):
         fc.build(fc.load_scenario(parse(STATION + LOWER, "machine.yaml")))
     lines = [line for line in LOWER.splitlines() if "gripper_holds" not in line and " lost" not in line]
