@@ -79,7 +79,8 @@ class FrictionFile(Config):
             wrong["coulomb"] = f"in Nm, within {_LARGEST_RATIO:g} times the robot's {own.tolist()}"
         if _exchanged(found, robot):
             usual = f"{own.tolist()} Nm and {robot.parameters.viscous_friction.tolist()} Nms/rad"
-            wrong["coulomb"] = f"X would be near the robot's {usual}"
+            near = f"exchanged, the two would be near the robot's {usual}"
+            wrong["coulomb"] = f"Coulomb friction, not viscous friction: {near}"
         for name, allowed in wrong.items():
             if allowed:
                 raise invalid(name, getattr(self, name).tolist(), allowed)

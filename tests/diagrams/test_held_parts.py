@@ -255,9 +255,11 @@ JOINT = '<joint name="pin" type="{}"><parent link="{}"/><child link="{}"/></join
 )
 def test_models_that_cannot_be_held(tmp_path, model, message):
     """The second one as SDF: links without a joint are refused by the reader of URDF."""
-    file = tmp_path / ("part.sdf" if "apart" in message else "part.urdf")
+    file = tmp_path / ("part.sdf" if "connected" in message else "part.urdf")
     whole = (
-        '<sdf version="1.9"><model name="part">{}</model></sdf>' if "apart" in message else '<robot name="p">{}</robot>'
+        '<sdf version="1.9"><model name="part">{}</model></sdf>'
+        if "connected" in message
+        else '<robot name="p">{}</robot>'
     )
     file.write_text(whole.format(model))
     parts = EnvironmentPartsConfig(parts={"part": PartConfig(model=str(file), arm="left")})

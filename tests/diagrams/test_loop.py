@@ -73,10 +73,10 @@ def test_a_command_moves_the_robot_in_the_tick_it_is_computed_in():
     [
         ({"input": "joint_angle"}, "reads joint_angle, which no part outputs: must be one of joint_position"),
         ({"size": 3}, "joint_velocity_command has size 3: must be 7"),
-        ({"input": "estimated_torque"}, "wants estimated_torque (estimated external joint torques), which nothing"),
+        ({"input": "estimated_torque"}, "reads estimated_torque (estimated external joint torques), which no part"),
         (
             {"input": "link_position"},
-            "wants link_position (positions of the links, behind the joint elasticity), which",
+            "reads link_position (positions of the links, behind the joint elasticity), which",
         ),
     ],
 )

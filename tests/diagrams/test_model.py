@@ -109,7 +109,7 @@ def test_joints_of_a_friction_file_are_found_by_name(tmp_path):
         ({"coulomb": [1.5e3] * 6}, "friction.yaml:1: coulomb .* below the torque limits"),
         ({"coulomb": [0.038] * 6}, "friction.yaml:1: coulomb .* within 100 times the robot's"),
         ({"viscous_backward": [1e4] * 6}, "friction.yaml:1: viscous_backward .* at most 10 times torque limits over"),
-        ({"coulomb": GOOD["viscous_forward"], "viscous_forward": GOOD["coulomb"]}, "exchanged they would be near the"),
+        ({"coulomb": GOOD["viscous_forward"], "viscous_forward": GOOD["coulomb"]}, "exchanged, the two would be near"),
         ({name: [0.0] * 6 for name in list(GOOD)[1:]}, "coulomb .* must be above zero for some joint"),
     ],
 )

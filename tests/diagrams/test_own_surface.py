@@ -135,5 +135,7 @@ def test_a_further_input_is_the_signal_of_its_name(fidelity: str) -> None:
 def test_what_a_force_along_the_normal_cannot_be_is_refused() -> None:
     told = "must be 0 with an add_to of its own: the block of a subclass computes a force along the normal only"
     assert f"station.environment.friction = 0.3: {told}" in refusal(MySurface(friction=0.3), "Multibody")
-    with pytest.raises(fc.BadInputError, match=r"station\.sensors\.force: environment 'environment' has no body to"):
+    with pytest.raises(
+        fc.BadInputError, match=r"station\.sensors\.force: environment 'environment' has no body whose force"
+    ):
         fc.build({"station": {"fidelity": "Multibody", "environment": MySurface()}})

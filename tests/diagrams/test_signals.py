@@ -1,4 +1,4 @@
-"""Signals connect by name; what stands for one is chosen in the scenario, and what nothing puts out is refused."""
+"""Signals connect by name; what stands for one is chosen in the scenario, and what no part outputs is refused."""
 
 import numpy as np
 import pytest
@@ -103,7 +103,7 @@ def test_a_second_sensor_of_a_kind_has_its_name_in_front(fidelity):
 
 def test_a_signal_is_chosen_of_a_part_that_there_is():
     choice = parse("!From {part: nope}", "test")
-    for name in ("measured_force", "estimated_wrench"):  # nothing puts out the latter
+    for name in ("measured_force", "estimated_wrench"):  # no part outputs the latter
         with pytest.raises(fc.BadInputError, match=rf"signals\.{name}\.part: unknown part 'nope': known: .*station"):
             fc.build(fc.load_scenario({"signals": {name: choice}}))
 
@@ -214,7 +214,7 @@ def test_a_load_on_the_elbow_is_no_load_on_the_tool():
             {"signals": {"measured_force": parse("!Projection {along: up}", "f")}},
             "along = 'up': must be normal, or three",
         ),
-        ({"signals": {"measured_force": parse("!Projection {of: tip_wrench}", "f")}}, "wants tip_wrench"),
+        ({"signals": {"measured_force": parse("!Projection {of: tip_wrench}", "f")}}, "reads tip_wrench"),
         ({"signals": {"measured_force": parse("!Projection {arm: left}", "f")}}, "has size 2: must be 1"),
         ({"controller": parse("!PerArm {laws: {left: !Integral {}}}", "f")}, "must be one for each arm that presses"),
         (

@@ -129,7 +129,7 @@ def test_link_distances_are_rows_of_their_own() -> None:
         (f"[!Robust {{of: !Range {{{Z}, upper: [1]}}, braking: 0}}]", "constraints.0.braking = 0.0: must be positive"),
         (f"[!Robust {{of: !Range {{{Z}, upper: [1]}}, braking: 1, model_error: [0, 1]}}]", "model_error.rate"),
         (f"[!Robust {{of: !Range {{{Z}, upper: [1]}}, braking: 1, model_error: [0]}}]", "must be two numbers"),
-        (f"[!ForceBand {{{Z}, force: [0.2, 0.5], stiffness: [1e3, 1e3], braking: 0.1}}]", "wants measured_force"),
+        (f"[!ForceBand {{{Z}, force: [0.2, 0.5], stiffness: [1e3, 1e3], braking: 0.1}}]", "reads measured_force"),
         (f"[!ForceBand {{{Z}, force: [0.5], stiffness: [1e3, 1e3], braking: 0.1}}]", "must be two numbers"),
         (f"[!ForceBand {{{Z}, force: [0.5, 0.2], stiffness: [1e3, 1e3], braking: 0.1}}]", "the smaller one first"),
         ("[!Robust {of: 3, braking: 2}]", "constraints.0.of = 3: must be a part: one of !Wall"),
