@@ -223,7 +223,7 @@ def test_a_force_that_guards_read_is_estimated() -> None:
         fc.build(
             parse(STATION.replace("estimators: {force: !ForceEstimator {}}", "estimators: {}") + LOWER, "own.yaml")
         )
-    assert "scenario: controller.modes.lower.exits.0.when reads estimated_wrench (of the environment" in str(
+    assert "scenario: controller.modes.lower.exits.0.when reads estimated_wrench (estimated wrench of the" in str(
         error.value
     )
     assert str(error.value).endswith("outputs it, such as `estimators: {force: !ForceEstimator {}}`")
