@@ -256,8 +256,8 @@ def build_controller(
 
 def _require(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...], size: int) -> None:
     """BadInputError unless a law has these ports, of this size."""
-    for kind, wanted, present in (("input", inputs, input_names(system)), ("output", outputs, output_names(system))):
-        for name in wanted:
+    for kind, required, present in (("input", inputs, input_names(system)), ("output", outputs, output_names(system))):
+        for name in required:
             if name not in present:
                 raise BadInputError(
                     f"controller {type(system).__name__} has no {kind} port {name!r}: has {', '.join(sorted(present))}"

@@ -214,17 +214,17 @@ def _check_forces(station: Diagram, surfaces: int) -> None:
 
 
 def _add_sources(
-    builder: DiagramBuilder, parts: LoopParts, setting: Setting, wanted: Sequence[str]
+    builder: DiagramBuilder, parts: LoopParts, setting: Setting, inputs: Sequence[str]
 ) -> tuple[dict[str, System], list[tuple[Any, list[System]]]]:
     """Add the references that the controller reads; also returns the blocks that each part added."""
     workcell = setting.workcell
     sources: dict[str, System] = {}
     added: list[tuple[Any, list[System]]] = []
-    if "desired_force" in wanted:
+    if "desired_force" in inputs:
         check_range(parts)
         sources["reference"] = add_part(parts.reference, "reference", builder, setting.model.size)
         added.append((parts.reference, builder.GetSystems()))
-    if "unconstrained_reference" in wanted:
+    if "unconstrained_reference" in inputs:
         contact = workcell.contacts[0]
         before = len(builder.GetSystems())
         sources["motion"] = add_part(parts.motion, "motion", builder, contact.robot, workcell.start, contact.n)
@@ -310,12 +310,12 @@ def _logged(
     everything = station.HasOutputPort("motor_torque")
     constant = parts.station.fidelity.constant_jacobian
     several = getattr(station, "sensed_by_several", {})
-    looked_at = {*_FORCE_SIGNALS, *several.get("measured_force", {}).values()}
+    logged = {*_FORCE_SIGNALS, *several.get("measured_force", {}).values()}
     for port in map(station.get_output_port, range(station.num_output_ports())):
         name = port.get_name()
         # See `Loop.derived`.
         skipped = name == "contact_displacement" and not constant
-        if everything or (name in looked_at and not skipped):
+        if everything or (name in logged and not skipped):
             ports[name] = port
     for system in (controller, *estimators.values()):
         for port in map(system.get_output_port, range(system.num_output_ports())):

@@ -18,8 +18,8 @@ from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor, random_cross_talk
 from forcectl.plant.tip_kinematics import ForceToWrench
 
-_LOUDEST = 10.0  # largest noise of a fault, as a multiple of the sensor's range
-_SILENT = 0.01  # smallest noise of a fault, as a share of the sensor's own noise or quantum, which hide a smaller one
+_LARGEST_NOISE = 10.0  # largest noise of a fault, as a multiple of the sensor's range
+_SMALLEST_NOISE = 0.01  # smallest noise of a fault, as a share of the sensor's own noise or quantum, which hide less
 
 
 @dataclass(kw_only=True)
@@ -42,9 +42,9 @@ class WristForceConfig(ForceSensorConfig, in_batches=True):
             allowed = f"before or after the fault {one.kind} from {one.start:g} s to {one.end:g} s"
             raise invalid(f"faults.{j}.start", other.start, allowed)
         for i, fault in enumerate(self.faults):
-            if fault.kind == "noise" and fault.value > (most := _LOUDEST * self.range):
-                raise invalid(f"faults.{i}.value", fault.value, f"at most {most:g} N, {_LOUDEST:g} times range")
-            if fault.kind == "noise" and fault.value < (least := _SILENT * max(self.noise_std, self.quantum)):
+            if fault.kind == "noise" and fault.value > (most := _LARGEST_NOISE * self.range):
+                raise invalid(f"faults.{i}.value", fault.value, f"at most {most:g} N, {_LARGEST_NOISE:g} times range")
+            if fault.kind == "noise" and fault.value < (least := _SMALLEST_NOISE * max(self.noise_std, self.quantum)):
                 raise invalid(
                     f"faults.{i}.value",
                     fault.value,

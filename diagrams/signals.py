@@ -61,12 +61,12 @@ class FromConfig(Config):
         Raises:
             BadInputError: there is no such part, or it outputs no signal of this name.
         """
-        wanted = self.signal or name
+        signal = self.signal or name
         if self.part not in signals.parts():
             raise unknown("part", self.part, signals.parts())
-        offers = signals.offers(wanted)
+        offers = signals.offers(signal)
         if not offers:
-            fault = f"no part outputs {wanted}: must be a signal that can be measured"
+            fault = f"no part outputs {signal}: must be a signal that can be measured"
             raise BadInputError(fault, key=f"signals.{name}")
         if self.part not in offers:
             raise unknown("part", self.part, offers)
@@ -180,10 +180,10 @@ class WrenchBetweenConfig(Config):
         tcp = arm.tcp_frame if arm and self.expressed_in == "tcp" else None
         made = WrenchBetween(robot, (first, second), tcp, local=self.axes == "tcp")
         block = builder.AddNamedSystem(f"{name}_between", made)
-        source, wanted = signals.find(self.of, f"signals.{name}"), block.GetInputPort("estimated_wrench")
-        if source.size() != wanted.size():
-            raise invalid("of", self.of, f"a signal of shape ({wanted.size()},): wrenches at the TCPs")
-        builder.Connect(source, wanted)
+        source, target = signals.find(self.of, f"signals.{name}"), block.GetInputPort("estimated_wrench")
+        if source.size() != target.size():
+            raise invalid("of", self.of, f"a signal of shape ({target.size()},): wrenches at the TCPs")
+        builder.Connect(source, target)
         builder.Connect(signals.find("joint_position", f"signals.{name}"), block.GetInputPort("joint_position"))
         return block.get_output_port()
 
@@ -223,11 +223,11 @@ class Signals:
     def add(self, part: str, system: System, names: Collection[str] | None = None) -> None:
         """Offer the vector outputs of the part of that name; `names`: only these."""
         for port in map(system.get_output_port, range(system.num_output_ports())):
-            wanted = names is None or port.get_name() in names
-            if wanted and port.get_data_type() == PortDataType.kVectorValued:
+            chosen = names is None or port.get_name() in names
+            if chosen and port.get_data_type() == PortDataType.kVectorValued:
                 self._offers.setdefault(port.get_name(), {})[part] = port
 
-    def find(self, name: str, wanted_by: str) -> OutputPort:
+    def find(self, name: str, read_by: str) -> OutputPort:
         """The port that is the signal of this name.
 
         Raises:
@@ -240,19 +240,19 @@ class Signals:
         if list(offers) == ["station"] and name in self.several:
             sensors, called = ", ".join(map(repr, self.several[name])), ", ".join(self.several[name].values())
             choice = f"signals.{name} to choose, a `!From {{part: station, signal: ...}}` of {called}"
-            raise BadInputError(f" reads {name}, which the sensors {sensors} output: must have {choice}", key=wanted_by)
+            raise BadInputError(f" reads {name}, which the sensors {sensors} output: must have {choice}", key=read_by)
         if len(offers) == 1:
             return next(iter(offers.values()))
         if offers:
             parts = ", ".join(map(repr, offers))
             fault = f" reads {name}, which {parts} output: must have signals.{name} to choose"
-            raise BadInputError(fault, key=wanted_by)
+            raise BadInputError(fault, key=read_by)
         meaning = f" ({SIGNALS[name].meaning})" if name in SIGNALS else ""
         known = sorted(set(self._offers) - self._truth | set(self.chosen))
         nothing = f" reads {name}{meaning}, which no part outputs"
         such = f", such as `{_MAKERS[name]}`" if name in _MAKERS else ""
         allowed = f"one of {', '.join(known)}, or have a part that outputs it{such}"
-        raise BadInputError(f"{nothing}: must be {allowed}", key=wanted_by)
+        raise BadInputError(f"{nothing}: must be {allowed}", key=read_by)
 
     def connect(self, part: str, system: System, optional: tuple[str, ...] = ()) -> None:
         """Connect the inputs of the part of that name; the optional ones may stay open.

@@ -125,8 +125,10 @@ class JointInterfaceConfig(Config):
                 -gains.integral * np.hstack([holding, zero, zero]),
             ]
         )
-        wanted = holding @ contact.direction
-        b = np.concatenate([np.zeros(n), np.linalg.solve(mass, wanted), gains.integral * wanted]).reshape(-1, 1)
+        command_torque = holding @ contact.direction
+        b = np.concatenate(
+            [np.zeros(n), np.linalg.solve(mass, command_torque), gains.integral * command_torque]
+        ).reshape(-1, 1)
         # A command takes effect one step after its tick.
         step = workcell.config.time_step
         _, old = zero_order_hold(a, b, step)

@@ -309,8 +309,8 @@ def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> Output
             if name == "external_wrench":
                 assembly.offer("applied_wrench", port)
     else:
-        assembly.want("external_wrench", load.GetInputPort("external_wrench"))
-        assembly.want("external_wrench", truth.GetInputPort("external_wrench"))
+        assembly.require("external_wrench", load.GetInputPort("external_wrench"))
+        assembly.require("external_wrench", truth.GetInputPort("external_wrench"))
     if own is not None:
         for block in (load, truth):
             builder.Connect(own, block.GetInputPort("contact_wrench"))

@@ -104,11 +104,11 @@ class Assembly:
             known[name] = f"{name}_{output}" if known else output
 
     def _take(self, system: System, part: Any, known: Collection[str], prefix: str) -> None:
-        self.know(system, part)
+        self.register(system, part)
         with about(part):
             self._workcell.check_sizes(system)
         for name in input_names(system):
-            self.want(name, system.GetInputPort(name), part)
+            self.require(name, system.GetInputPort(name), part)
         for name in output_names(system):
             if name not in known:
                 self.offer(name, system.GetOutputPort(name))
@@ -119,11 +119,11 @@ class Assembly:
                 if made := of_ports(system, "port_components").get(name, shape):
                     self._components[prefix + name] = made
 
-    def know(self, system: System, part: Any) -> None:
+    def register(self, system: System, part: Any) -> None:
         """Record which part a block belongs to, for messages."""
         self._parts.append((part, system))
 
-    def want(self, name: str, port: InputPort, part: Any = None) -> None:
+    def require(self, name: str, port: InputPort, part: Any = None) -> None:
         """Register an input, which `finish` connects to the signal of that name; `part` is for messages."""
         self._open.append((name, port, part))
 

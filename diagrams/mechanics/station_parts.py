@@ -30,7 +30,7 @@ def add_parts(assembly: Assembly, site: Site) -> None:
             builder.Connect(desired, plant.get_desired_state_input_port(part.grasp))
         for name in ("part_released", "gripper_holds"):
             assembly.offer(name, opening.GetOutputPort(name))
-        assembly.want("gripper_command", opening.GetInputPort("gripper_command"))
+        assembly.require("gripper_command", opening.GetInputPort("gripper_command"))
     if site.placed:
         assembly.add(builder.AddNamedSystem("part_pose", PartPose([part.frame for part in site.placed])))
 

@@ -120,7 +120,7 @@ def feed_contact(
     given = {**surface, **given}
     if "surface_height" in surface:
         given["displacement"] = add_depth(assembly.builder, given["displacement"], surface["surface_height"])
-    assembly.know(block, contact.environment)
+    assembly.register(block, contact.environment)
     with about(contact.environment):
         if "displacement" not in input_names(block):
             raise BadInputError(" has no input displacement: must have it, of size 1")
@@ -133,7 +133,7 @@ def feed_contact(
                 check_reads(block.GetInputPort(name), given[name])
                 assembly.builder.Connect(given[name], block.GetInputPort(name))
             else:
-                assembly.want(name, block.GetInputPort(name), contact.environment)
+                assembly.require(name, block.GetInputPort(name), contact.environment)
         for name in ("surface_stiffness", "surface_damping"):
             if name in surface and name not in input_names(block):
                 fault = f" is given: must be null, or the block of the surface must have the input {name}"

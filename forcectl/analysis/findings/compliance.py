@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from forcectl.analysis.findings.finding import RunFinding, finding
-from forcectl.analysis.findings.pressing import Pressing
+from forcectl.analysis.findings.pressing import SurfaceSignals
 
 _RANGE = 0.1  # smallest range of the force in contact, as a share of the largest reference
 _STRAIGHT = 0.05  # largest standard deviation from the fitted line, as a share of the range of displacement
@@ -16,7 +16,7 @@ _SHARE = 0.1  # smallest difference that is reported, as a share of the model's 
 _MOST = 100.0  # largest ratio that is stated as a number
 
 
-def compliance_findings(log: Pressing, robot: float, modelled: float) -> Iterator[RunFinding]:
+def compliance_findings(log: SurfaceSignals, robot: float, modelled: float) -> Iterator[RunFinding]:
     """Compare the surface with its model: compliance is a line fit of displacement over force, at rest along it.
 
     Args:

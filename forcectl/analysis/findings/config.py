@@ -13,7 +13,7 @@ from forcectl.analysis.findings.finding import KINDS, RunFinding
 from forcectl.analysis.findings.force import force_findings
 from forcectl.analysis.findings.guard import guard_findings
 from forcectl.analysis.findings.joints import joint_findings, task_findings
-from forcectl.analysis.findings.pressing import Pressing
+from forcectl.analysis.findings.pressing import SurfaceSignals
 from forcectl.analysis.slot import surfaces
 from forcectl.diagrams.model import Setting
 from forcectl.errors import check_distinct
@@ -102,9 +102,9 @@ class FindingsConfig(Config):
         rows = zip(surfaces(log), contacts, compliances, robots, modelled, strict=True)
         for (label, one), contact, compliance, robot, of_model in rows:
             even = contact.surface if contact.surface is not None and contact.surface.even else None
-            pressing = Pressing.of(one, float(compliance), motion, even is not None)
-            found = [*force_findings(pressing, ranges, self, filtered)]
+            signals = SurfaceSignals.of(one, float(compliance), motion, even is not None)
+            found = [*force_findings(signals, ranges, self, filtered)]
             if even is not None and even.materials is None:
-                found += compliance_findings(pressing, float(robot), float(of_model))
+                found += compliance_findings(signals, float(robot), float(of_model))
             for each in found:
                 yield replace(each, text=f"{label[:-1]}: {each.text}") if label else each

@@ -9,7 +9,7 @@ import numpy as np
 
 from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.analysis.findings.holds import hold_findings, moving_findings
-from forcectl.analysis.findings.pressing import TOUCH, Pressing, first_time, lasts, spent, times
+from forcectl.analysis.findings.pressing import TOUCH, SurfaceSignals, first_time, lasts, spent, times
 from forcectl.analysis.findings.readings import reading_findings
 from forcectl.analysis.stretches import stretches
 from forcectl.estimation.environment import COMPLIANCE_BOUNDS
@@ -23,7 +23,7 @@ _STANDS = 1e-12  # [m] largest distance from its extreme value of a command that
 
 
 def force_findings(
-    log: Pressing, ranges: list[float], config: FindingsConfig, filtered: bool = True
+    log: SurfaceSignals, ranges: list[float], config: FindingsConfig, filtered: bool = True
 ) -> Iterator[RunFinding]:
     """The findings about one surface.
 
@@ -44,7 +44,7 @@ def force_findings(
     yield from moving_findings(log, config)
 
 
-def _sensor(log: Pressing, ranges: list[float]) -> Iterator[RunFinding]:
+def _sensor(log: SurfaceSignals, ranges: list[float]) -> Iterator[RunFinding]:
     limit = min(ranges, default=np.inf)
     beyond = (log.true >= limit) | (np.abs(log.measured) >= _AT_RANGE * limit)
     if beyond.any():
@@ -54,7 +54,7 @@ def _sensor(log: Pressing, ranges: list[float]) -> Iterator[RunFinding]:
         )
 
 
-def _maximum(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
+def _maximum(log: SurfaceSignals, config: FindingsConfig) -> Iterator[RunFinding]:
     if config.largest_force is None:
         return
     beyond = log.true > config.largest_force
@@ -69,7 +69,7 @@ def _maximum(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         )
 
 
-def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
+def _contact(log: SurfaceSignals, config: FindingsConfig) -> Iterator[RunFinding]:
     desired = log.desired > 0
     if not desired.any() or log.true.min() < 0:  # a contact that can pull cannot be lost
         return
@@ -103,19 +103,19 @@ def _contact(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
         yield finding(kind, text, begin)
 
 
-def _touched_again(log: Pressing, losses: list[slice]) -> Iterator[RunFinding]:
+def _touched_again(log: SurfaceSignals, losses: list[slice]) -> Iterator[RunFinding]:
     if losses:
         total = sum(_spans(log, losses))
         text = f"before the force law is active the tool leaves the surface {times(len(losses))}, for {total:.3g} s"
         yield finding("touched_again", f"{text} in all, and touches it again", float(log.time[losses[0].start]))
 
 
-def _spans(log: Pressing, losses: list[slice]) -> list[float]:
+def _spans(log: SurfaceSignals, losses: list[slice]) -> list[float]:
     """How long each loss lasts [s], to the sample behind it."""
     return [float(log.time[min(part.stop, len(log.time) - 1)] - log.time[part.start]) for part in losses]
 
 
-def _losses(log: Pressing) -> list[slice]:
+def _losses(log: SurfaceSignals) -> list[slice]:
     """Intervals in which the contact is lost; a light touch neither makes a contact nor ends a loss."""
     firm = log.true > TOUCH * float(log.desired.max())
     losses: list[slice] = []
@@ -129,7 +129,7 @@ def _losses(log: Pressing) -> list[slice]:
     return losses
 
 
-def _command(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
+def _command(log: SurfaceSignals, config: FindingsConfig) -> Iterator[RunFinding]:
     """A command that stays at its extreme value although a further command would reduce the force error.
 
     If the force arrives while the command stays there, under the same reference, only the drives lagged: no finding.
@@ -162,7 +162,7 @@ def _command(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
             )
 
 
-def _estimate(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
+def _estimate(log: SurfaceSignals, config: FindingsConfig) -> Iterator[RunFinding]:
     """An estimated compliance at its bound, where it can no longer explain the force."""
     if log.estimate is None:
         return

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from forcectl.analysis.findings.finding import RunFinding, Severity, finding
-from forcectl.analysis.findings.pressing import TOUCH, Pressing, lasts, percent, times
+from forcectl.analysis.findings.pressing import TOUCH, SurfaceSignals, lasts, percent, times
 from forcectl.analysis.findings.swings import Swinging, rests, swinging, turning_points
 from forcectl.analysis.stretches import stretches
 from forcectl.arrays import Mask, Signal
@@ -34,7 +34,7 @@ _AWAY = 0.5  # [s] shortest time in motion with an error above the reference; a 
 _APPROACHING = 0.9  # largest ratio of the mean errors in the last two tenths of a hold while the force approaches
 
 
-def hold_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
+def hold_findings(log: SurfaceSignals, config: FindingsConfig) -> Iterator[RunFinding]:
     """The worst finding of each kind in the holds of the reference, with the hold in its text if there are several."""
     holds = _holds(log)
     found: dict[str, list[tuple[slice, RunFinding]]] = {}
@@ -53,13 +53,13 @@ def hold_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]
         yield replace(worst, text=f"{worst.text}, {where}{others}")
 
 
-def _holds(log: Pressing) -> list[slice]:
+def _holds(log: SurfaceSignals) -> list[slice]:
     """Holds of a reference above zero in a closed loop at rest, of at least `_LONG` or up to the end of the run."""
     same = np.concatenate([[False], np.diff(log.desired) == 0]) & log.closed & (log.desired > 0)
     return [part for part in stretches(same) if part.stop == len(same) or lasts(log.time, part) >= _LONG]
 
 
-def moving_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFinding]:
+def moving_findings(log: SurfaceSignals, config: FindingsConfig) -> Iterator[RunFinding]:
     """Oscillations in motion and under a varying reference, and a force far off its reference in motion."""
     found: list[RunFinding] = []
     same = np.concatenate([[False], np.diff(log.desired) == 0]) & (log.desired > 0)
@@ -78,7 +78,7 @@ def moving_findings(log: Pressing, config: FindingsConfig) -> Iterator[RunFindin
         yield max((one for one in found if one.kind == kind), key=lambda one: one.severity)
 
 
-def _far_off(log: Pressing, part: slice) -> Iterator[RunFinding]:
+def _far_off(log: SurfaceSignals, part: slice) -> Iterator[RunFinding]:
     """Whether the force error, in motion along a surface, stays above the constant reference itself."""
     time, error = log.time[part], np.abs(log.desired - log.true)[part]
     later = time >= time[0] + _LONG  # just after a step the force rises or falls
@@ -93,7 +93,7 @@ def _far_off(log: Pressing, part: slice) -> Iterator[RunFinding]:
         )
 
 
-def _beside(log: Pressing, part: slice) -> Iterator[RunFinding]:
+def _beside(log: SurfaceSignals, part: slice) -> Iterator[RunFinding]:
     """Whether the force, in the later half of an interval, varies more than its varying reference, or hardly at all."""
     later = slice((part.start + part.stop) // 2, part.stop)
     time, true, reference = log.time[later], log.true[later], log.desired[later]
@@ -116,11 +116,11 @@ def _beside(log: Pressing, part: slice) -> Iterator[RunFinding]:
     yield finding("swings_beside_reference", f"{text}, {during}", begin)
 
 
-def _long(log: Pressing, here: Mask) -> list[slice]:
+def _long(log: SurfaceSignals, here: Mask) -> list[slice]:
     return [part for part in stretches(here) if lasts(log.time, part) >= _LONG]
 
 
-def _hold(log: Pressing, hold: slice, config: FindingsConfig) -> Iterator[RunFinding]:
+def _hold(log: SurfaceSignals, hold: slice, config: FindingsConfig) -> Iterator[RunFinding]:
     """Whether the force settles at a constant reference."""
     time, true, reference = log.time[hold], log.true[hold], float(log.desired[hold][0])
     tail = slice(int(np.searchsorted(time, time[-1] - _TAIL * (time[-1] - time[0]))), len(time))
@@ -197,7 +197,7 @@ def _settled(time: Signal, error: Signal, reference: float, config: FindingsConf
         yield finding("not_settled", text, float(time[-1]))
 
 
-def _sticking(log: Pressing, tail: slice, reference: float, config: FindingsConfig) -> Iterator[RunFinding]:
+def _sticking(log: SurfaceSignals, tail: slice, reference: float, config: FindingsConfig) -> Iterator[RunFinding]:
     """Joints that stick and slip, to another force each time, in the later part of a constant reference."""
     time, true, found = log.time[tail], log.true[tail], {}
     for name, motor in log.motors.items():

@@ -12,7 +12,7 @@ from forcectl.force.approach import ApproachMode
 TOUCH = 0.02  # share of the reference above which a force makes a contact that can be lost
 
 
-class Pressing(NamedTuple):
+class SurfaceSignals(NamedTuple):
     """The signals of one surface, shapes (k,).
 
     Attributes:
@@ -46,7 +46,7 @@ class Pressing(NamedTuple):
     estimate: Signal | None = None
 
     @classmethod
-    def of(cls, log: Any, compliance: float, motion: tuple[float, float] | None, even: bool) -> Pressing:
+    def of(cls, log: Any, compliance: float, motion: tuple[float, float] | None, even: bool) -> SurfaceSignals:
         """From the log of one surface.
 
         Args:

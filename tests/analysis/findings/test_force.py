@@ -10,7 +10,7 @@ import forcectl as fc
 from forcectl.analysis.findings import FindingsConfig
 from forcectl.analysis.findings.finding import KINDS, RunFinding, Severity
 from forcectl.analysis.findings.force import force_findings
-from forcectl.analysis.findings.pressing import Pressing
+from forcectl.analysis.findings.pressing import SurfaceSignals
 from forcectl.force.invariance.force_law import AdaptiveInvarianceConfig
 from forcectl.force.linear_law import VrftConfig
 from forcectl.motion.references import RampConfig, SequenceConfig, SineConfig
@@ -132,7 +132,7 @@ def judged(true: Any, **changes: Any) -> list[RunFinding]:
     log |= {"regulated": flat > 0, "moves": flat < 0, "sliding": flat < 0, "displacement": None}
     log["contact"] = np.fromiter(accumulate(true[:-1], next_state, initial=ContactMode.APPROACH), float)
     log |= {"time": TIME, "compliance": 1e-4, **changes}
-    return list(force_findings(Pressing(**log), [100.0], config))
+    return list(force_findings(SurfaceSignals(**log), [100.0], config))
 
 
 def test_a_limit_cycle_is_told_with_its_amplitude_and_period() -> None:
