@@ -107,7 +107,7 @@ def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
         check_memory()
         return _commands()(standalone_mode=False, prog_name="forcectl") or 0
     except MemoryError:
-        return _complain("not enough memory: nothing that was not said to be written is kept", 1)
+        return _complain("not enough memory: only results that were reported as written are kept", 1)
     except ForcectlError as error:
         look(error)
         return _complain(str(error), 2 if isinstance(error, BadInputError) else 1)

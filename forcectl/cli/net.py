@@ -31,7 +31,7 @@ def caught(error: BaseException) -> int:
     """
     if os.environ.get(VARIABLE):
         raise error
-    print(f"error: unexpected {one_line(error, _LONGEST)} ({_place(error)}); the whole with {DEBUG}", file=sys.stderr)
+    print(f"error: unexpected {one_line(error, _LONGEST)} ({_place(error)}); traceback with {DEBUG}", file=sys.stderr)
     return 1
 
 
@@ -45,7 +45,7 @@ def _place(error: BaseException) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if _ROOT in Path(frame.filename).parents]
     if not frames:
-        return "no place is known"
+        return "place unknown"
     frame = (own or frames)[-1]
     name = Path(frame.filename)
     return f"{name.relative_to(_ROOT.parent) if own else name.name}:{frame.lineno}"

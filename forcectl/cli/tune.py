@@ -29,9 +29,11 @@ def vrft(
         ),
     ] = "continuous",
     prefilter: Annotated[bool, typer.Option(help="Filter with L = M (1 - M); without, noise biases strongly.")] = True,
-    refine: Annotated[bool, typer.Option(help="Better gains where a plant model of DATA is good enough.")] = True,
+    refine: Annotated[
+        bool, typer.Option(help="Improve the gains on a plant model, where it fits DATA well enough.")
+    ] = True,
     second: Annotated[
-        str | None, typer.Option(metavar="FILE", help="The same experiment once more, as instrument against noise.")
+        str | None, typer.Option(metavar="FILE", help="Record of a repetition, as instrumental variable against noise.")
     ] = None,
     input_: Annotated[str | None, typer.Option("--input", metavar="NAME", help="Column of the displacement.")] = None,
     output: Annotated[str | None, typer.Option("--output", metavar="NAME", help="Column of the force.")] = None,
@@ -55,7 +57,7 @@ def vrft(
     ] = "command",
     robot_compliance: Annotated[
         float | None,
-        typer.Option(metavar="C_R", help="That was fed back in DATA [m/N], where it has not both of u_hat and dx_bar."),
+        typer.Option(metavar="C_R", help="Compliance fed back in DATA [m/N], if u_hat or dx_bar is missing there."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Directory to write; default tuned/<name>-<n>.")

@@ -56,7 +56,7 @@ def _plant_inputs(wiring: Wiring, path: str, free: list[PortAddress]) -> Iterato
         yield error(
             "unconnected-input",
             f"{path}.geometry_query",
-            "the plant has geometry but no scene graph to ask for contacts; connect SceneGraph.query to it",
+            "the plant has geometry but no scene graph that computes its contacts; connect SceneGraph.query to it",
         )
     for index in system.GetJointActuatorIndices():
         actuator = system.get_joint_actuator(index)

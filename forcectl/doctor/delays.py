@@ -50,11 +50,15 @@ def declared_findings(values: StartValues, hops: Hops) -> Iterator[Finding]:
         table = getattr(system, "sample_delay", {})
         known = declared_delays(wiring, path)
         if len(known) < len(table):
-            yield error("sample-delay-ports", path, f"sample_delay names ports that the block has not: {sorted(table)}")
+            yield error(
+                "sample-delay-ports", path, f"sample_delay names ports that the block does not have: {sorted(table)}"
+            )
         for (reader, output), delay in known.items():
             way = _way_inside(hops, reader, output)
             if way is None:
-                yield warning("delay-differs", path, f"sample_delay between ports that nothing joins: {sorted(table)}")
+                yield warning(
+                    "delay-differs", path, f"sample_delay of ports without a signal path between them: {sorted(table)}"
+                )
                 continue
             found = [part for hop in way if (part := _measured(values, hops, hop)) is not None]
             if len(found) < len(way):
@@ -67,7 +71,7 @@ def declared_findings(values: StartValues, hops: Hops) -> Iterator[Finding]:
                 yield warning(
                     "delay-differs",
                     wiring.name(output),
-                    f"sample_delay says {delay:g} s, but run alone it takes {clean(whole):g} s; correct one of them",
+                    f"sample_delay declares {delay:g} s, but {clean(whole):g} s are measured; correct one of them",
                 )
 
 

@@ -53,8 +53,8 @@ def missing_prerequisites(values: StartValues) -> Iterator[Finding]:
                 yield error(
                     "missing-prerequisites",
                     wiring.name(output),
-                    f"changes with {names} within one instant, which its prerequisites do not say: Drake may keep an "
-                    f"old value of it, and sees no algebraic loop through it; add {names} to prerequisites_of_calc",
+                    f"changes with {names} within one instant, which its prerequisites do not list: Drake may use an "
+                    f"old value of it, and finds no algebraic loop through it; add {names} to prerequisites_of_calc",
                 )
 
 

@@ -45,7 +45,7 @@ def not_repeatable(values: StartValues, timing: Timing) -> Iterator[Finding]:
                 yield warning(
                     "not-repeatable",
                     path,
-                    f"two runs from the same start give different {', '.join(changed)}: it remembers something outside "
+                    f"two runs from the same start give different {', '.join(changed)}: it keeps state outside "
                     f"of its Context{f' (attributes that changed: {kept})' if kept else ''}, draws random numbers or "
                     "reads a clock",
                 )

@@ -54,5 +54,5 @@ def _judge(wiring: Wiring, bad: dict[PortAddress, str], output: PortAddress, wha
         if not is_vector(wiring.port(reader)) and (source is None or not source.system)
     ]  # fmt: skip
     if open_abstract:
-        return info("not-computed", name, f"not looked at: {', '.join(open_abstract)} is open")
+        return info("not-computed", name, f"not examined: {', '.join(open_abstract)} not connected")
     return error("output-raises", name, what)

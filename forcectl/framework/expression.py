@@ -106,7 +106,10 @@ class Expression:
             if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div) and _range(node.right, {}) == (0.0, 0.0):
                 raise BadInputError(f" = {self.text!r}: {ast.unparse(node)!r} has no value", key=self._key)
         denied = self._limits(_denied(self._tree))
-        for limits, so in ((self.limits(), "no {} is so: must be able to hold"), (denied, "any {} is so: must not be")):
+        for limits, so in (
+            (self.limits(), "true for no {}: must be possible"),
+            (denied, "true for every {}: must not be"),
+        ):
             for side in (side for side, (low, high) in limits.items() if low > high):
                 raise BadInputError(f" = {self.text!r}: {so.format(side)}", key=self._key)
         self.check_open({}, {})

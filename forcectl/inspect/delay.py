@@ -153,7 +153,7 @@ def way_and_back(hops: Hops, source: PortName, target: PortName) -> list[tuple[P
     wiring = hops.wiring
     begins = find_outputs(wiring, source)
     if begins and begins == find_outputs(wiring, target):
-        raise BadInputError(f"the way from {source} to {target} has no length: must be between two ports")
+        raise BadInputError(f"the path from {source} to {target} is empty: must be between two ports")
     back: list[tuple[PortName, PortName]] = [(target, source)]
     return [*(back if len(begins) == 1 and _closes(hops, source, target) else []), (source, target)]
 

@@ -44,8 +44,8 @@ def _counted(numbers: type[IntEnum]) -> str:
 
 # Comments on signals that are not in the conventions; each digit of a status has a meaning of its own.
 _COMMENTS = {
-    "status": f"hundreds, what the guard does: {_counted(Reaction)}; tens, why: {_counted(Cause)}; "
-    f"ones, the controller's own: {_counted(Status)}",
+    "status": f"hundreds, reaction of the guard: {_counted(Reaction)}; tens, its cause: {_counted(Cause)}; "
+    f"ones, status of the controller: {_counted(Status)}",
     "wrench_deviation": "standard deviations of the estimated wrenches, in the axes of each TCP",
 }
 _MEANINGS = {"governor_status": tuple(number.name.lower() for number in Status)}

@@ -63,7 +63,7 @@ class RunResult:
             BadInputError: there is no such metric or variant, or there are several variants.
         """
         if variant is None and len(self.metrics) > 1:
-            raise BadInputError(f"metric {name!r}: must say of which variant, one of {', '.join(self.metrics)}")
+            raise BadInputError(f"metric {name!r}: must have a variant, one of {', '.join(self.metrics)}")
         chosen = next(iter(self.metrics)) if variant is None else variant
         if chosen not in self.metrics:
             raise unknown("variant", chosen, self.metrics)

@@ -153,7 +153,7 @@ class Tuned:
                 "(friction?): the latter is written to the station"
             )
         if self.record.resting < LONG_REST:
-            own.append("the record does not begin with a rest: its first sample is taken for the values at rest")
+            own.append("the record does not begin with a rest: its first sample is used as the values at rest")
         if self.fit.pid is None and not math.isclose(self.record.period, _CONTROL_PERIOD, rel_tol=1e-3):
             own.append(
                 f"FIR coefficients are for the period of the record, {self.record.period:g} s, and the station runs at "
@@ -214,7 +214,7 @@ def tune_vrft(
     with contextlib.nullcontext() if out is None else claimed(out, force) as claim:
         record = read(data)
         if robot_compliance is not None and record.motor is None:
-            text = "has no motor positions, for which --robot-compliance is: leave it out"
+            text = "has no motor positions, which --robot-compliance needs: leave it out"
             raise BadInputError(f"{record.origin} {text}")
         check_rate(record, config)
         model, basis = config.model(record.period), _basis(form, record.period)

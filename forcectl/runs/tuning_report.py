@@ -47,7 +47,7 @@ def report_lines(fit: VrftFit, record: Recorded) -> list[str]:
         lines.append(f"refined on the plant model; VRFT alone: {before}")
     verdict = "the loop is unstable"
     if fit.stable:
-        nearer = ", though other gains come nearer" if fit.out_of_reach else ""
+        nearer = ", though other gains come closer to it" if fit.out_of_reach else ""
         reach = f"within reach, up to {100 * OUT_OF_REACH:g} %{nearer}"
         reach = "out of reach" if fit.expected_mismatch > OUT_OF_REACH else reach
         missed = f"the loop misses the reference model by {100 * fit.model_mismatch:.1f} % ({reach})"
@@ -57,10 +57,12 @@ def report_lines(fit: VrftFit, record: Recorded) -> list[str]:
         f"{fit.plant.delay * fit.plant.period:.3g} s, which explains {100 * fit.plant.explained:.2f} % of the force: "
         f"{verdict}"
     )
-    off = f"{100 * fit.model_error:.1f} %" if math.isfinite(fit.model_error) else "more than can be told"
+    off = f"{100 * fit.model_error:.1f} %" if math.isfinite(fit.model_error) else "an unbounded amount"
     trust = f"checked on the record: in the loop the plant model is off by {off}"
     if (read := _finite(fit.record_mismatch)) is not None:
-        trust += f"; without any model, the record shows the reference model missed by {100 * read:.1f} %"
+        trust += (
+            f"; computed from the record without a model, the loop misses the reference model by {100 * read:.1f} %"
+        )
     return [*lines, trust]
 
 

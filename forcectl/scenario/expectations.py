@@ -117,9 +117,7 @@ class Expectation(Config):
             raise invalid("minimum", self.minimum, f"at most maximum = {self.maximum:g}")
         self._check_limits()
         if self.tolerance is None and self.minimum is None and self.maximum is None:
-            raise BadInputError(
-                f"target {self.target!r} is missing what to judge by: must have tolerance, minimum or maximum"
-            )
+            raise BadInputError(f"target {self.target!r} has no criterion: must have tolerance, minimum or maximum")
 
     def _check_terms(self) -> None:
         """Refuse `minus` together with `ratio`, and subtracted metrics of different units."""
@@ -153,7 +151,7 @@ class Expectation(Config):
             width = self.tolerance.width(self.published)
             nearest = min(max(self.published, low), high)
             if abs(nearest - self.published) > width:
-                allowed = f"so that something within {width:g} of it is from {low:g} to {high:g}"
+                allowed = f"within {width:g} of the range from {low:g} to {high:g}"
                 raise invalid("published", self.published, allowed)
         check_distinct("fidelities", self.fidelities)
         for name, why in self.gaps.items():
@@ -167,7 +165,7 @@ class Expectation(Config):
             judged = not name or not self.fidelities or name in self.fidelities
             gap = self.gaps if not name else name in self.gaps
             if value is not None and judged and not gap and not low <= value <= high:
-                allowed = f"from {low:g} to {high:g}, as minimum and maximum say, or have a gap"
+                allowed = f"from {low:g} to {high:g}, as minimum and maximum require, or have a gap"
                 raise invalid("expected" + (f".{name}" if name else ""), value, allowed)
 
     @property
@@ -218,7 +216,7 @@ def judged_metrics(lines: Sequence[Expectation], variant: str, names: Sequence[s
         asked.append({**vars(line), "target": ""})
         if asked[-1] in asked[:-1]:
             twin = lines[asked.index(asked[-1])].target
-            raise invalid(f"expect.{i}.target", line.target, f"about something else than {twin!r}")
+            raise invalid(f"expect.{i}.target", line.target, f"an expectation that differs from {twin!r}")
         judged = (not line.fidelities or fidelity in line.fidelities) and fidelity not in line.gaps
         for place, name in (of_terms := line.variants(names)).items():
             if name not in names:

@@ -20,7 +20,7 @@ _OF_ALL = ("variants", "expect", "fidelities")  # keys that hold for all variant
 
 # Keys of earlier versions -> what to write instead.
 _GONE = {
-    "loop": "delete it: there is one kind of loop",
+    "loop": "delete it, all scenarios have the same kind of loop",
     "estimator": "write estimators: {NAME: !Tag {...}}",
     "analysis": "write analyses: {NAME: !Tag {...}}",
     "loads": "write station.loads",
@@ -141,7 +141,7 @@ class Layers:
             part, _, name = gone.rpartition(".")
             around = tree.get(part) if part else tree
             if isinstance(around, Tagged) and name in around:
-                raise BadInputError(f"is no key any more: {instead}").at(gone, self.where(gone))
+                raise BadInputError(f"is no longer a key: {instead}").at(gone, self.where(gone))
 
 
 def _holds(tree: Tree, parts: list[str]) -> bool:
@@ -167,7 +167,7 @@ def check_order(overrides: Mapping[str, Any], others: Mapping[str, Any]) -> None
     """
     for name, value in others.items():
         if (other := overrides.get(name, value)) != value:
-            raise invalid(name, other, f"left out, or {value!r}, which {name.rpartition('.')[2]} beside it says")
+            raise invalid(name, other, f"left out, or {value!r}, the value of the argument {name.rpartition('.')[2]}")
     names = [str(name) for name in overrides]
     for i, name in enumerate(names):
         if earlier := next((other for other in names[:i] if other.startswith(f"{name}.")), ""):

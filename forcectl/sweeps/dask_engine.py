@@ -74,7 +74,9 @@ class DaskEngine:
         try:
             told = self._client.run(_told, str(results.folder))
         except OSError as error:
-            raise BadInputError(f"--scheduler {address!r}: a worker went away, try again: {one_line(error)}") from None
+            raise BadInputError(
+                f"--scheduler {address!r}: a worker disconnected, try again: {one_line(error)}"
+            ) from None
         except Exception as error:
             raise BadInputError(
                 f"--scheduler {address!r}: its workers cannot run forcectl: {one_line(error)}"
@@ -90,7 +92,7 @@ class DaskEngine:
                 )
             if not seen:
                 raise BadInputError(
-                    f"worker {worker} does not see {str(results.folder)!r}: must be on a file system that all share"
+                    f"worker {worker} cannot access {str(results.folder)!r}: must be on a file system that all share"
                 )
 
     @property
@@ -149,7 +151,7 @@ class DaskEngine:
                 return EndedTask(task, future.result())
             if future.status == "error":
                 return EndedTask(task, death=one_line(future.exception())[:200])
-        return EndedTask(task, death="the workers that had it died", cancelled=True)
+        return EndedTask(task, death="the workers that ran it ended", cancelled=True)
 
     def close(self) -> None:
         """Disconnect from the scheduler; trials that run there continue to their end."""

@@ -165,7 +165,7 @@ def sweep(
             notes.append(f"{place} has no effect: all metrics are equal in trials that differ in nothing else")
         for name in Expression(study.config.success).names if study.config.success else ():
             if name not in table or not table[name].notna().any():
-                notes.append(f"success asks for {name}, of which no trial has a value: none is one")
+                notes.append(f"success uses {name}, of which no trial has a value: no trial is a success")
         worst = study.config.worst
         if worst is not None and (worst.metric not in table or not table[worst.metric].notna().any()):
             notes.append(f"no trial has a value of {worst.metric}, so none is the worst")
@@ -287,7 +287,7 @@ def _notes(study: Study, folder: Path) -> list[str]:
         notes.append("constraints has no effect: every point meets them")
     identity = identity_of(folder)
     if is_copy(folder, identity):
-        notes.append(f"{folder} is a copy: what runs in the original is not waited for")
+        notes.append(f"{folder} is a copy: trials that still run in the original are ignored")
         shutil.rmtree(folder / "running", ignore_errors=True)
         with writing(folder):
             write_json(folder / IDENTITY, identity | {"inode": folder.stat().st_ino})

@@ -300,7 +300,7 @@ def _check_metrics(config: SweepConfig, own: bool, modes: Sequence[str], analyse
             raise unknown_metric(name).at(key)
         for key, name in _asked(config):
             if (makers := analyses_of(name)) and not analyses.intersection(makers):
-                raise BadInputError(f" asks for {name}: must go with an analysis !{' or !'.join(makers)}", key=key)
+                raise BadInputError(f" uses {name}: must go with an analysis !{' or !'.join(makers)}", key=key)
     for key, name in _asked(config):
         mode, _, last = name.rpartition(".")
         # An unknown mode without a similar name may be that of an arm that is not examined here.
@@ -318,7 +318,7 @@ def _check_surfaces(config: SweepConfig, surfaces: Sequence[str]) -> None:
         if last in METRICS and front not in surfaces:
             own = ", ".join(each for each in surfaces if each)
             raise BadInputError(
-                f" asks for {name}: must be {f'of one of {own}' if own else f'{last}, of the one surface'}", key=key
+                f" uses {name}: must be {f'of one of {own}' if own else f'{last}, of the one surface'}", key=key
             )
 
 

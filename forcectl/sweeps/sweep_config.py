@@ -156,7 +156,7 @@ class SweepConfig(Config):
                 parts = _joined(text)
                 if len(set(parts)) < len(parts) or seen.setdefault(frozenset(parts), name) != name:
                     where = seen.get(frozenset(parts), name)
-                    raise invalid(name, text, f"a condition that is not said before, as in {where}")
+                    raise invalid(name, text, f"a condition that does not repeat one, as in {where}")
 
     def _check_overlaps(self) -> None:
         """One key set in two places would make trials that differ in name only."""
@@ -196,7 +196,7 @@ def _joined(condition: str) -> list[str]:
 
 
 _INSTEAD = {"seed": "use `seeds`", "variants": "use `arms`", "case": "use `cases`"} | dict.fromkeys(
-    ("title", "source", "description", "fidelities", "expect", "log"), "it says nothing of what is simulated"
+    ("title", "source", "description", "fidelities", "expect", "log"), "it does not affect the simulation"
 )
 
 

@@ -79,7 +79,7 @@ def assert_memory_released(
     lost = _drake_loses_kb() * kept if kept else 0.0
     growth = _growth_kb(build, duration, run, builds) - lost
     if growth > allowed_kb:
-        beyond = f", beyond the {lost:.0f} kB that Drake loses of {kept} systems" if lost else ""
+        beyond = f", beyond the {lost:.0f} kB that Drake does not release for {kept} systems" if lost else ""
         raise AssertionError(f"the process grows by {growth:.0f} kB per build, allowed are {allowed_kb:g} kB{beyond}")
     return MemoryRecord(len(references), not kept, growth, lost)
 

@@ -69,7 +69,7 @@ def assert_same_after_reset_and_clone(
         AssertionError: with the first difference.
     """
     __tracebackhide__ = True
-    hint = "; something is remembered outside of the Context"
+    hint = "; some state is kept outside of the Context"
     context = system.CreateDefaultContext()
 
     def run(seconds: float, start: object) -> Log:
@@ -88,7 +88,7 @@ def assert_same_after_reset_and_clone(
     clone = context.Clone()
     rest = max(period, duration - half)
     if difference := _first_difference(run(rest, context), run(rest, clone)):
-        raise AssertionError(f"{own_name(system)} and its clone run apart, first in {difference}{hint}")
+        raise AssertionError(f"{own_name(system)} and its clone run differently, first in {difference}{hint}")
     return first
 
 

@@ -250,7 +250,7 @@ def complete(error):
             "must be a mapping" in message or "not usable" in message or re.search(r"\(line \d+, column \d+\)", message)
         )
     place = re.match(r"(mutant\.yaml:\d+: (variant .*?: )?|override: )", message)
-    told = "must " in message or "known: " in message or "cannot be " in message or "is no key any more" in message
+    told = "must " in message or "known: " in message or "cannot be " in message or "is no longer a key" in message
     return place and message[place.end() :].startswith(error.key) and told
 
 

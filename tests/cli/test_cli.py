@@ -336,4 +336,4 @@ def test_robot_tells_the_folder_of_a_tool(forcectl, tmp_path):
     code, out, _ = forcectl("robot", "claw")
     told = " ".join(out.split())
     assert (code, "model: claw.urdf" in told) == (1, False)
-    assert "is the folder of a tool, by claw.tool.yaml: name it as `station.tool` of a scenario" in told
+    assert "is the folder of a tool, with claw.tool.yaml: name it as `station.tool` of a scenario" in told

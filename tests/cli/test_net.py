@@ -21,7 +21,7 @@ def test_an_unexpected_error_is_one_line(broken, forcectl, monkeypatch):
     code, out, said = forcectl("explain", "overshoot_pct")
     assert (code, out, said.count("\n")) == (1, "", 1)
     assert said.startswith("error: unexpected LookupError: two lines (forcectl/cli/catalog.py:")
-    assert said.endswith("; the whole with --debug\n")
+    assert said.endswith("; traceback with --debug\n")
 
 
 @pytest.mark.parametrize("arguments", [("--debug", "explain", "x"), ("explain", "x", "--debug")])

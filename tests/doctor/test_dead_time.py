@@ -154,7 +154,7 @@ def test_the_tables_of_a_users_diagram_lead_from_port_to_port_and_back():
 
 @pytest.mark.parametrize("command", ["station.measured_force", "measured_force"])
 def test_a_way_is_between_two_ports(command):
-    with pytest.raises(BadInputError, match=r"has no length: must be between two ports$"):
+    with pytest.raises(BadInputError, match=r"is empty: must be between two ports$"):
         examine(loop_of("fig_2_7", "OneDimensional").diagram, sensor="station.measured_force", command=command)
 
 

@@ -108,7 +108,7 @@ def test_metrics_are_looked_up_and_laid_out(result):
     assert table.loc["peak_force_N", "unit"] == "N"
     assert table.loc["peak_force_N", "K_I = 3 1/s"] == value == result.metrics["K_I = 3 1/s"]["peak_force_N"]
     assert len(result.table(short=True)) < len(table)
-    with pytest.raises(fc.BadInputError, match="must say of which variant, one of K_I = 1"):
+    with pytest.raises(fc.BadInputError, match="must have a variant, one of K_I = 1"):
         result.metric("peak_force_N")
     with pytest.raises(fc.BadInputError, match="unknown metric 'peak_force': did you mean 'peak_force_N'"):
         result.metric("peak_force", "K_I = 3 1/s")

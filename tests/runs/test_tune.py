@@ -204,7 +204,7 @@ def test_a_record_that_does_not_tell_the_stiffness_is_refused(tmp_path):
     u = columns["displacement [m]"]
     columns["force [N]"] = -5e3 * (u - 1.5 * lfilter([0.001], [1.0, -0.999], u))
     columns = {name: values[:680] for name, values in columns.items()}
-    with pytest.raises(BadInputError, match="does not tell how stiff the contact is") as caught:
+    with pytest.raises(BadInputError, match="does not determine the stiffness of the contact") as caught:
         tune_vrft(write(tmp_path, columns), 1.5)
     assert "\n" not in str(caught.value)
 
@@ -382,7 +382,7 @@ def test_what_vrft_on_motor_positions_needs_is_said(tmp_path):
     for wrong in (-1e-6, 2.0, float("nan")):
         with pytest.raises(BadInputError, match=f"robot_compliance = {wrong}: must be from 0 to 1 m/N"):
             tune_vrft(file, 1.5, learn_from="motor", robot_compliance=wrong)
-    with pytest.raises(BadInputError, match="no motor positions, for which --robot-compliance is: leave it out"):
+    with pytest.raises(BadInputError, match="no motor positions, which --robot-compliance needs: leave it out"):
         tune_vrft(sticking_csv(tmp_path, motor_displacement=False), 1.5, robot_compliance=C_R)
     file = sticking_csv(tmp_path, displacement_command=False)
     known = tune_vrft(file, 1.5, learn_from="motor", robot_compliance=C_R, refine=False)

@@ -158,7 +158,7 @@ def test_the_row_of_the_summary_has_the_agreed_keys_and_is_strict_json():
     ("fields", "message"),
     [
         ({"metric": "overshot_pct", "maximum": 1.0}, "did you mean 'overshoot_pct'?"),
-        ({"metric": "overshoot_pct"}, "missing what to judge by"),
+        ({"metric": "overshoot_pct"}, "has no criterion"),
         (
             {"metric": "overshoot_pct", "maximum": 1.0, "drift": Tolerance(relative=0.1)},
             "drift must go together with expected",

@@ -95,12 +95,12 @@ def test_overrides_reach_every_part(short):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("loop: motion", "loop: is no key any more: delete it: there is one kind of loop"),
-        ("estimator: !ForceEstimator {}", "estimator: is no key any more: write estimators: {NAME: !Tag {...}}"),
+        ("loop: motion", "loop: is no longer a key: delete it, all scenarios have the same kind of loop"),
+        ("estimator: !ForceEstimator {}", "estimator: is no longer a key: write estimators: {NAME: !Tag {...}}"),
         ("station.robot: yummi", "station.robot: unknown robot"),
         ("station.time_step: 0.004", "station.time_step = 0.004: must be at most 0.002"),
         ("station.fidelity: Kinematic", "or a fidelity with dynamics, such as Multibody"),
-        ("station.friction: {scale: 1}", "station.friction: is no key any more: write station.drive.friction"),
+        ("station.friction: {scale: 1}", "station.friction: is no longer a key: write station.drive.friction"),
         ("controller: !Integal {}", "controller: unknown tag '!Integal': did you mean '!Integral'?"),
         ("controller: !Integral {}", "station.environment has no surface: must have one for a force law to press on"),
         ("estimators: {force: !ForceEstimator {gain: -1}}", "estimators.force.gain = -1"),

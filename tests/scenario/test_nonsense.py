@@ -82,7 +82,7 @@ REFUSED = [
     ),
     (
         "station: {environment: {surface: {heights: {f: !ProfileFile {path: far.csv}}}}}",
-        "positions from 5 to 6 m: must meet the path, from -0.2 to 0.2 m",
+        "positions from 5 to 6 m: must overlap the path, from -0.2 to 0.2 m",
     ),
     ("station: {environment: {surface: {moves: [{start: 0.1}]}}}", "moves.0.distance = 0.0: must be at least 1e-07 m"),
     (
@@ -145,12 +145,14 @@ REFUSED = [
     (
         "guard: {maximum_force: 16}\ncontroller: !Approach {threshold: 20}",
         "build",
-        "controller.threshold = 20.0: must be below guard.maximum_force = 16 N: no force gets there",
+        "controller.threshold = 20.0: must be below guard.maximum_force = 16 N, the largest force that "
+        "the guard allows",
     ),
     (
         "guard: {maximum_force: 16}\ncontroller: !AdaptiveIntegral {minimum_force: 17}",
         "build",
-        "controller.minimum_force = 17.0: must be below guard.maximum_force = 16 N: no force gets there",
+        "controller.minimum_force = 17.0: must be below guard.maximum_force = 16 N, the largest force that "
+        "the guard allows",
     ),
     # directions
     ("station: {environment: {surface: {direction: [0, 0, 1]}}}", "environment.surface.direction = [0.0, 0.0, 1.0]"),
@@ -204,7 +206,7 @@ REFUSED = [
     (f"expect: [{LINE}minimum: 20, strict: true}}]", "expect.0.minimum = 20.0: must be below maximum = 20"),
     (
         f"expect: [{LINE}published: 25, tolerance: {{absolute: 4}}}}]",
-        "expect.0.published = 25.0: must be so that something within 4 of it is from -inf to 20",
+        "expect.0.published = 25.0: must be within 4 of the range from -inf to 20",
     ),
     (f"expect: [{LINE}minimum: 21}}]", "expect.0.minimum = 21.0: must be at most maximum = 20"),
     (f"expect: [{LINE}minus: {{metric: peak_force_N}}}}]", "expect.0.minus.metric = 'peak_force_N': must be another m"),
@@ -239,7 +241,7 @@ REFUSED = [
     ("duration: !!bool maybe", "not valid YAML: 'maybe'"),
     # laws
     ("controller: !Approach {threshold: 3000}", "build", "controller.threshold = 3000.0: must be below the sensor's r"),
-    ("controller: !Approach {threshold: 30}", "build", "controller.threshold = 30.0: must be below 30 N: below half o"),
+    ("controller: !Approach {threshold: 30}", "build", "controller.threshold = 30.0: must be below 30 N, as forces bel"),
     ("controller: !Approach {speed: 0.001, touch_speed: 1}", "controller.touch_speed = 1.0: must be at most speed = 0"),
     ("controller: !Approach {patience: 100, timeout: 1}", "controller.patience = 100.0: must be at most timeout = 1 s"),
     (
@@ -348,7 +350,7 @@ REFUSED = [
     ("station: {normal: [0, 0, -1]}", "build", "station.normal = [0.0, 0.0, -1.0]: must be against the z axis of the"),
     ("station: {environment: {normal: [0, 0, -1]}}", "build", "station.environment.normal = [0.0, 0.0, -1.0]: must be"),
     ("station: {environment: {surface: {heights: {g: !Grooves {depth: 0.05}}}}}", "g.depth = 0.05: must be at most 0."),
-    ("station: {stiffness_scale: 1e-3}", "build", "station.stiffness_scale lets the robot give way by 0.48 m at the"),
+    ("station: {stiffness_scale: 1e-3}", "build", "station.stiffness_scale deflects the robot by 0.48 m at the"),
 ]  # fmt: skip
 
 

@@ -38,14 +38,14 @@ def test_two_lines_that_ask_the_same_are_one(tmp_path):
     line = "metric: overshoot_pct, maximum: 3"
     file = tmp_path / "own.yaml"
     file.write_text(f"expect:\n  - {{target: a, {line}}}\n  - {{target: b, {line}}}\n")
-    with pytest.raises(BadInputError, match=r"^own\.yaml:3: expect\.1\.target = 'b': must be about something else"):
+    with pytest.raises(BadInputError, match=r"^own\.yaml:3: expect\.1\.target = 'b': must be an expectation that differs"):
         load_scenario(file)
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"seed": 1}, "seed = 1: must be left out, or 2, which seed beside it says"),
+        ({"seed": 1}, "seed = 1: must be left out, or 2, the value of the argument seed"),
         ({"station.fidelity": "Kinematic"}, "station.fidelity = 'Kinematic': must be left out, or 'OneDimensional'"),
     ],
 )

@@ -41,7 +41,7 @@ class Forgetful:
         if self._begun.get(number, 0):
             self._begun[number] -= 1
             self._results.lose(number, "as of a process that is gone")
-        return [EndedTask(self._task, death="the workers that had it died", cancelled=True)]
+        return [EndedTask(self._task, death="the workers that ran it ended", cancelled=True)]
 
     def close(self):
         """Nothing is left to end."""
@@ -61,7 +61,7 @@ def test_a_cancelled_trial_is_lost_only_when_it_had_begun_three_times(cancelled,
     run.all(Forgetful(study, results, {3: cancelled}, {3: begun}))
     assert sorted(rows) == [n for n in range(8) if n != 3 or not lost]
     marks = [json.loads(path.read_text())["reason"] for path in results.folder.glob("running/*/*.json")]
-    assert marks == ["the workers that had it died, 3 times"] * lost
+    assert marks == ["the workers that ran it ended, 3 times"] * lost
 
 
 def test_a_metric_that_the_first_trials_of_all_arms_do_not_have_is_refused(tmp_path):

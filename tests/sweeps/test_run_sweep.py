@@ -68,7 +68,7 @@ def test_seeds_and_constraints_that_change_nothing_are_told():
 def test_a_success_that_no_trial_can_have_is_told():
     """Nothing settles within 0.3 s."""
     result = fc.sweep(small(success="settling_time_2pct_s <= 4"), engine="sequential", report=False)
-    assert "success asks for settling_time_2pct_s, of which no trial has a value: none is one" in result.notes
+    assert "success uses settling_time_2pct_s, of which no trial has a value: no trial is a success" in result.notes
 
 
 @pytest.mark.slow

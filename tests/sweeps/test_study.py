@@ -136,7 +136,7 @@ def test_the_hash_is_that_of_sweep_scenario_and_points():
         ),
         ({"worst": {"metric": "overshoot_pct", "count": 50}}, "worst.count = 50: must be at most the number"),
         ({"findings": {"a": "overshoot_pct > 5 and peak_force_N > 20", "b": "peak_force_N > 20 and overshoot_pct>5"}},
-         "findings.b = 'peak_force_N > 20 and overshoot_pct>5': must be a condition that is not said be"),
+         "findings.b = 'peak_force_N > 20 and overshoot_pct>5': must be a condition that does not repea"),
         ({"success": "overshoot_pct < 5 and overshoot_pct < 5"}, "success = 'overshoot_pct < 5 and overshoot_pct < 5'"),
         ({"arms": {"a": {"controller.dead_zone": 0.0}, "b": {"controller.upper_limit": 0.1}}},
          "arms.b makes the same scenario as arm 'a'"),
@@ -175,21 +175,21 @@ def test_a_misspelt_mode_in_the_name_of_a_metric_is_refused(keys, place):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"success": "inserted == 1"}, "^sweep: success asks for inserted: must go with an analysis !Insertion$"),
+        ({"success": "inserted == 1"}, "^sweep: success uses inserted: must go with an analysis !Insertion$"),
         (
             {"success": "left.overshoot_pct < 5"},
-            "^sweep: success asks for left.overshoot_pct: must be overshoot_pct, of",
+            "^sweep: success uses left.overshoot_pct: must be overshoot_pct, of",
         ),
         (
             {"findings": {"a": f"{GAIN} > 2"}},
-            "^sweep: findings.a asks for .*: must be integral_gain, of the one surface$",
+            "^sweep: findings.a uses .*: must be integral_gain, of the one surface$",
         ),
-        ({"shown": ["left.reached"]}, "^sweep: shown.0 asks for left.reached: must go with an analysis !Reaching$"),
+        ({"shown": ["left.reached"]}, "^sweep: shown.0 uses left.reached: must go with an analysis !Reaching$"),
         (
             {"compare": ["a", "b"], "arms": {"a": {}, "b": {GAIN: 2.0}}},
             "success is missing: `compare` needs a condition",
         ),
-        ({"keys": {"log": [[], ["controller.status"]]}}, "keys.log cannot be varied: it says nothing of what is"),
+        ({"keys": {"log": [[], ["controller.status"]]}}, "keys.log cannot be varied: it does not affect the"),
     ],
 )
 def test_what_no_trial_can_say_is_refused(keys, message):
@@ -215,7 +215,7 @@ signals: {measured_force: !Projection {}}
 def test_metrics_of_several_surfaces_are_asked_for_by_their_names():
     two = {"scenario": drawn(TWO_ARMS), "variant": None, "overrides": {}, "keys": {}}
     assert study(**two, success="one.overshoot_pct < 5", shown=["other.step_1.overshoot_N"]).size
-    with pytest.raises(BadInputError, match=r"success asks for overshoot_pct: must be of one of one, other"):
+    with pytest.raises(BadInputError, match=r"success uses overshoot_pct: must be of one of one, other"):
         study(**two, success="overshoot_pct < 5")
 
 

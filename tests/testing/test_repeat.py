@@ -97,7 +97,9 @@ def test_memory_in_an_attribute_is_found_by_the_reset():
 
 
 def test_memory_in_an_attribute_is_found_by_the_clone():
-    with pytest.raises(AssertionError, match=r"CloneBreaker and its clone run apart, first in count\[0\] at t = 0\.6"):
+    with pytest.raises(
+        AssertionError, match=r"CloneBreaker and its clone run differently, first in count\[0\] at t = 0\.6"
+    ):
         assert_same_after_reset_and_clone(CloneBreaker(), duration=1.0, period=0.1)
 
 

@@ -94,4 +94,4 @@ def check_meets(path: str, positions: Array, length: float) -> None:
     first, last = positions[0], positions[-1]
     if first >= length or last <= -length:
         told = f" = {path!r}: positions from {first:g} to {last:g} m"
-        raise BadInputError(f"{told}: must meet the path, from {-length:g} to {length:g} m", key="path")
+        raise BadInputError(f"{told}: must overlap the path, from {-length:g} to {length:g} m", key="path")

@@ -255,7 +255,7 @@ def check_free(directory: Path, force: bool) -> None:
         any(directory.iterdir()) and not any((directory / name).is_file() for name in MARKS)
     ):
         raise BadInputError(
-            f"output {str(directory)!r} is not the directory of a run: it is left alone, name another one"
+            f"output {str(directory)!r} is not the directory of a run: it is not changed, name another one"
         )
 
 

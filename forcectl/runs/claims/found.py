@@ -81,7 +81,7 @@ def clean(folder: Path) -> list[str]:
 def _partial(path: Path) -> FoundResults:
     who = holder(path)
     how_far = progress(path / RESULTS)
-    state = f"at work: {who}" if who else "left by a process that is gone"
+    state = f"at work: {who}" if who else "left by a process that has ended"
     kind = "run" if (path / RESULTS / "manifest.json").is_file() else ""
     return FoundResults(of_partial(path), kind, "; ".join(filter(None, (state, how_far))), left=who is None)
 

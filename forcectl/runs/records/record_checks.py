@@ -116,8 +116,8 @@ def check_stiffness(record: Recorded, stiffness: float) -> None:
     """Refuse an implausible contact stiffness [N/m]."""
     if stiffness <= 0:
         raise BadInputError(
-            f"{record.origin}: does not tell how stiff the contact is: must have several moves in contact with a rest "
-            "after each; record more of them"
+            f"{record.origin}: does not determine the stiffness of the contact: must have several moves in "
+            "contact with a rest after each; record more of them"
         )
     stiffest = PHYSICAL["N/m"][0]
     if not _SOFTEST <= stiffness <= stiffest:
@@ -137,8 +137,8 @@ def check_signs(record: Recorded, fit: VrftFit) -> None:
     for name, value, most, unit in gains:
         if value > most:
             raise BadInputError(
-                f"{record.origin}: {name} = {value:.3g} {unit}: must be at most {most:.3g}, or it presses more where "
-                f"the force is too large; does {record.output_name} follow {record.input_name} on one clock?"
+                f"{record.origin}: {name} = {value:.3g} {unit}: must be at most {most:.3g}, or the controller presses "
+                f"more where the force is too large; does {record.output_name} follow {record.input_name} on one clock?"
             )
 
 
@@ -151,7 +151,7 @@ def suspicions(record: Recorded) -> Iterator[str]:
     far, time = off_the_line(record)
     if far > _OFF * np.ptp(record.y):
         yield (
-            f"{force} at rest is no line over {record.input_name}: off by {far:.2g} N at {time:.3g} s; where contact "
+            f"{force} at rest is not linear in {record.input_name}: off by {far:.2g} N at {time:.3g} s; where contact "
             "is lost or the sensor saturated, record smaller moves in contact; where drives stick, larger ones"
         )
 

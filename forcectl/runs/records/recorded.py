@@ -231,7 +231,7 @@ def _check_size(table: Columns, column: Column, factor: float, quantity: str) ->
     if bad.size:
         k = int(bad[0])
         most = f"must be at most {largest:g} {column.unit or unit_of(column.name)}; correct the row or the unit"
-        raise table.wrong(f"{column.values[k]:g} is no {quantity} of a robot: {most}", k, column)
+        raise table.wrong(f"{column.values[k]:g} is implausible as a {quantity}: {most}", k, column)
 
 
 def _check_sampling(table: Columns, time: Array) -> float:
@@ -239,12 +239,12 @@ def _check_sampling(table: Columns, time: Array) -> float:
     bad = np.flatnonzero(np.abs(time) > _LONGEST)
     if bad.size:
         most = f"must be at most {_LONGEST:g} s; correct the row or the unit"
-        raise table.wrong(f"a time of {time[bad[0]]:g} s is no time of a record: {most}", int(bad[0]))
+        raise table.wrong(f"a time of {time[bad[0]]:g} s is implausible: {most}", int(bad[0]))
     steps = np.diff(time)
     period = float(np.median(steps))
     if 0 < period < _SHORTEST_PERIOD:
         raise BadInputError(
-            f"{table.origin}: a period of {period:g} s is that of no record: must be at least {_SHORTEST_PERIOD:g} s; "
+            f"{table.origin}: a period of {period:g} s is implausible: must be at least {_SHORTEST_PERIOD:g} s; "
             "correct the unit of the time"
         )
     wrong = np.flatnonzero(steps <= 0)
@@ -277,7 +277,7 @@ def _check_readings(table: Columns, column: Column, y: Array) -> None:
     if 0 < alone.size <= _FEW * y.size:
         k = int(alone[0]) + 1
         raise table.wrong(
-            f"{column.values[k]:g} stands alone between {column.values[k - 1]:g} and {column.values[k + 1]:g} "
+            f"{column.values[k]:g} is an outlier between {column.values[k - 1]:g} and {column.values[k + 1]:g} "
             f"({alone.size} such rows): must be a force that changes from row to row by less; correct the row",
             k,
             column,
@@ -295,8 +295,8 @@ def _check_saturation(table: Columns, column: Column, u: Array, y: Array) -> Non
                 k = int(part.start + np.argmax(on))
                 why = "the sensor is saturated" if toward > 0 else "contact is lost or the sensor is saturated"
                 raise table.wrong(
-                    f"stands still at {column.values[k]:g} from {table.row(part.start)} to {table.row(part.stop - 1)} "
-                    f"while the displacement moves on: {why}; record smaller moves in contact",
+                    f"is constant at {column.values[k]:g} from {table.row(part.start)} to {table.row(part.stop - 1)} "
+                    f"while the displacement changes: {why}; record smaller moves in contact",
                     k,
                     column,
                 )

@@ -33,7 +33,7 @@ def remarks(explorer: Explorer, found: Found, tree: ModelTree, wrong: Collection
         yield f"joints {', '.join(loose)} are neither of an arm nor held: they move freely"
     for name, inertia in zip(arm_joints, found.inertia, strict=True):
         if inertia < _NO_INERTIA:
-            yield f"what joint {name} moves has no inertia: only its rotor resists"
+            yield f"what joint {name} moves has no inertia: the only inertia is that of its rotor"
     yield from _of_order(explorer)
     yield from _of_motion(explorer)
     yield from _of_friction(explorer, tree)
@@ -50,7 +50,7 @@ def _of_order(explorer: Explorer) -> Iterator[str]:
         for before, after in pairwise(joints[arm.joints]):
             moved = plant.GetBodiesKinematicallyAffectedBy([after.index()])
             if before.child_body().index() in moved:
-                order = "the joints do not stand from base to flange, and lists of numbers go in their order"
+                order = "the joints are not listed from base to flange, and lists of numbers are in their order"
                 yield f"arm_joints: {before.name()} before {after.name()}, which moves it: {order}"
 
 
@@ -74,6 +74,6 @@ def _of_friction(explorer: Explorer, tree: ModelTree) -> Iterator[str]:
     joints = {name: tree.urdf.joints[name] for name in parameters.arm_joints if name in tree.urdf.joints}
     slick = ", ".join(name for name, joint in joints.items() if not joint.friction)
     if rule == OF_MODEL and slick:
-        yield f"friction of the model is 0 in {slick}: nothing sticks; without a sensor forces are felt too well"
+        yield f"friction of the model is 0 in {slick}: no stick-slip; without a sensor force estimates are too accurate"
     elif rule != OF_MODEL and any(joint.damping for joint in joints.values()):
-        yield f"friction of the model is 0 in all arm joints: counts as not known, {rule} is assumed"
+        yield f"friction of the model is 0 in all arm joints: counts as unknown, {rule} is assumed"

@@ -53,16 +53,16 @@ _TYPICAL = {
     "model": "the file with the joints",
     "arm_joints": "of all arms, from the base outwards",
     "arms": "each with its joints, and the frame that carries the tool",
-    "flange_frame": "carries the tool, its z out of the flange",
-    "flange_turn_deg": "brings z out of the flange",
+    "flange_frame": "frame that carries the tool, with its z axis out of the flange",
+    "flange_turn_deg": "rotation after which the z axis points out of the flange",
     "default_posture_deg": "far from singular, the tool downwards; see your scenario",
     "characteristic_length": "half the reach [m]",
     "reference_filter": "w [rad/s] of 50 to 100; z [1] of 0.7 to 1",
     "period": "control sampling [s], 0.002 to 0.004; delays of the drive are whole periods",
-    "held_joints": "what nothing drives here, rigid at this position [rad, m]",
+    "held_joints": "joints without a drive here, fixed at this position [rad, m]",
     "velocity_limit": "data sheet [rad/s]; 2 to 7 for arms of 1 m",
     "torque_limit": "data sheet [Nm]; here twice what weight, acceleration and 20 N at a tool need",
-    "ignored_collisions": "their shapes overlap, or nearly: else LinkDistance is violated from the start",
+    "ignored_collisions": "pairs whose shapes overlap, or nearly: else LinkDistance is violated from the start",
 }
 _MOVED = ("default_posture_deg", "characteristic_length", "velocity_limit", "torque_limit")  # from moving the robot
 
@@ -113,7 +113,7 @@ class RobotReport:
 
     def yaml(self) -> str:
         """The keys that are missing, to be pasted into the control parameters."""
-        guess = "a first guess, until nothing is wrong any more; "
+        guess = "a first guess, to be updated once all problems are corrected; "
         said = {key: guess * (key in _MOVED and self.robot is None) + _TYPICAL[key] for key in self.missing}
         return "\n".join(
             f"{value}  # {said[key]}" if "\n" not in value else f"# {said[key]}\n{value}"
@@ -133,10 +133,12 @@ def examine_robot(folder: str | Path) -> RobotReport:
     try:
         file = _keys_file(report)
         if not file and (tools := sorted(report.folder.glob(TOOL_PARAMETERS))):
-            raise BadInputError(f"is the folder of a tool, by {tools[0].name}: name it as `station.tool` of a scenario")
+            raise BadInputError(
+                f"is the folder of a tool, with {tools[0].name}: name it as `station.tool` of a scenario"
+            )
         keys = read_keys(file) if file else Tagged()
         if file and not keys:
-            report.notes.append(f"{file.name} is empty: as if there were none")
+            report.notes.append(f"{file.name} is empty and has no effect")
         origin = file.name if file else ""
         report.model = given or _model_file(report, keys, origin)
         if given and "model" not in keys:

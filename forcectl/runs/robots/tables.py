@@ -38,7 +38,7 @@ def print_robot(report: RobotReport, console: Console) -> None:
     count = (
         f"{len(report.missing)} missing, {found}"
         if report.read
-        else f"{found}; what else is missing is told after that"
+        else f"{found}; further missing keys are reported once this is corrected"
     )
     said = "complete" if report.complete else count
     console.print(f"[{'green' if report.complete else 'yellow'}]{escape(str(report.folder))}: {said}[/]")

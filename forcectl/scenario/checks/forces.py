@@ -64,8 +64,8 @@ def check_forces(scenario: Scenario, period: float) -> None:
     if threshold >= limit:
         raise invalid("controller.threshold", threshold, f"below the sensor's range, {limit:g} N")
     if threshold >= 2 * largest > 0:
-        allowed = f"below {2 * largest:g} N: below half of it there is no contact, and the largest desired force is"
-        raise invalid("controller.threshold", threshold, f"{allowed} {largest:g} N")
+        allowed = f"below {2 * largest:g} N, as forces below half of it count as no contact"
+        raise invalid("controller.threshold", threshold, f"{allowed}; the largest desired force is {largest:g} N")
     maximum = None if scenario.guard is None else scenario.guard.maximum_force
     if maximum is not None and not largest < maximum <= limit:
         allowed = f"above the largest desired force, {largest:g} N, and at most the sensor's range, {limit:g} N"
@@ -74,13 +74,15 @@ def check_forces(scenario: Scenario, period: float) -> None:
         least = getattr(scenario.controller, name, 0.0)
         if maximum is not None and least >= maximum:
             raise invalid(
-                f"controller.{name}", least, f"below guard.maximum_force = {maximum:g} N: no force gets there"
+                f"controller.{name}",
+                least,
+                f"below guard.maximum_force = {maximum:g} N, the largest force that the guard allows",
             )
     for key, field, value in values(scenario.controller, "controller", "N"):
         if field.name == "minimum_force" and value >= largest > 0 and value != default_of(field):
             raise invalid(key, value, f"below the largest desired force, {largest:g} N")
         if field.name == "upper_limit" and value < largest:
-            allowed = f"at least the largest desired force, {largest:g} N: upper_force is what keeps below it"
+            allowed = f"at least the largest desired force, {largest:g} N; use upper_force to limit the force"
             raise invalid(key, value, allowed)
         if field.name == "upper_force" and value < (least := _LEAST_SHARE * largest):
             raise invalid(key, value, f"at least {least:g} N, a tenth of the largest desired force")
@@ -148,7 +150,7 @@ def check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
     )
     if max(limits) < (least := _LEAST_WAY * largest * compliance):
         key, value = next((key, value) for key, field, value in every if field.name == "lower_limit")
-        allowed = f"at most {-least:.2g} m, a hundredth of the way to the largest desired force, {largest:g} N"
+        allowed = f"at most {-least:.2g} m, a hundredth of the displacement at the largest desired force, {largest:g} N"
         raise invalid(key, value, allowed)
     guarded = hasattr(scenario.controller, "touch_speed")  # its force law starts at the surface
     for contact in contacts:
@@ -159,10 +161,14 @@ def check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
         key, softest = min(named.items(), key=lambda each: each[1], default=("stiffness", environment.first_stiffness))
         room = limit - (0.0 if guarded else contact.gap) - largest * contact.robot_compliance
         if room <= 0:
-            way = f"{largest * contact.robot_compliance:.3g} m at the largest desired force, {largest:g} N"
-            allowed = f"within {limit:g} m of the command; is joint_stiffness in Nm/rad, and what is long in m?"
-            blamed = "robot" if scenario.station.stiffness_scale == 1 else "stiffness_scale"
-            raise BadInputError(f" lets the robot give way by {way}: must be {allowed}", key=f"station.{blamed}")
+            deflection = f"{largest * contact.robot_compliance:.3g} m at the largest desired force, {largest:g} N"
+            allowed = (
+                f"less than the limit of the command, {limit:g} m; is joint_stiffness in Nm/rad, are lengths in m?"
+            )
+            part = "robot" if scenario.station.stiffness_scale == 1 else "stiffness_scale"
+            raise BadInputError(f" deflects the robot by {deflection}: must be {allowed}", key=f"station.{part}")
         if largest > softest * room:
-            allowed = f"at least {largest / room:.4g} N/m: {largest:g} N are farther in than a command of {limit:g} m"
+            allowed = (
+                f"at least {largest / room:.4g} N/m: {largest:g} N need more than the largest command, {limit:g} m"
+            )
             raise invalid(join(where(scenario, environment), key), softest, allowed)

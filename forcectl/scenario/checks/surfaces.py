@@ -85,7 +85,7 @@ def _check_met(motion: Any, contact: Contact) -> None:
     along = float(unit_normal(motion.direction) @ surface.direction_across(contact.n))
     several = surface.materials is not None and len(surface.materials.segments) > 1
     if (several or surface.heights or surface.slope) and abs(along) < _ACROSS:
-        allowed = f"along motion.direction = {motion.direction}: across it nothing of the surface is seen"
+        allowed = f"along motion.direction = {motion.direction}: the surface is constant across surface.direction"
         raise invalid("surface.direction", surface.direction, allowed)
     low, high = sorted((0.0, along * getattr(motion, "distance", 0.0)))
     for name, part in surface.heights.items() if low < high else ():
@@ -103,7 +103,7 @@ def _check_materials(scenario: Scenario, environment: Any) -> None:
     for field in fields(environment):
         value = getattr(environment, field.name)
         if field.name in _OF_MATERIALS and value not in (default_of(field), usual.get(field.name)):
-            raise invalid(field.name, value, "left out beside surface.materials, whose segments say it")
+            raise invalid(field.name, value, "left out beside surface.materials, whose segments define it")
 
 
 def check_directions(scenario: Scenario) -> None:

@@ -90,7 +90,7 @@ def _check_lasting(scenario: Scenario) -> None:
             if field.name in lasting and value != default_of(field) and value >= scenario.duration:
                 raise invalid(key, value, f"below duration = {scenario.duration:g} s")
     longest = max(_OUTLASTS * scenario.duration, _ANYWAY)
-    times = f"{_OUTLASTS} times duration or a minute"
+    times = f"the longer of {_OUTLASTS} times duration and a minute"
     _check_lengths(scenario, longest, times)
     for name in ("station", "controller"):
         for key, field, value in values(getattr(scenario, name), name, "s"):
@@ -100,7 +100,7 @@ def _check_lasting(scenario: Scenario) -> None:
     if scenario.after_end is not None and scenario.after_end >= scenario.duration:
         raise invalid("after_end", scenario.after_end, f"below duration = {scenario.duration:g} s")
     if (bandwidth := scenario.reference_model) is not None and bandwidth * longest < 1:
-        raise invalid("reference_model", bandwidth, f"at least {1 / longest:.4g} rad/s, one over {times}")
+        raise invalid("reference_model", bandwidth, f"at least {1 / longest:.4g} rad/s, the inverse of {times}")
     if getattr(scenario.reference, "end_time", 0.0) > longest:
         raise invalid("reference.rate", scenario.reference.rate, f"enough to end before {longest:g} s, {times}")
     for key, _, value in own_values(scenario.reference, "reference", "Hz"):
@@ -123,7 +123,7 @@ def _check_lengths(scenario: Scenario, longest: float, words: str) -> None:
         for key, field, value in values(part, name, "1/s", "rad/s"):
             slow = isinstance(value, float) and 0 < value * longest < 1
             if slow and field.name.endswith(_SLOW) and value != default_of(field):
-                raise invalid(key, value, f"at least {1 / longest:.4g} {key_of(field).unit}, one over {words}")
+                raise invalid(key, value, f"at least {1 / longest:.4g} {key_of(field).unit}, the inverse of {words}")
     excitation: Any = getattr(scenario.controller, "excitation", None)
     if hasattr(excitation, "speed") and (end := excitation.end_time()) > longest:
         name = "rest" if excitation.rest * len(excitation.depths) > longest else "speed"

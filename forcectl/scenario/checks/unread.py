@@ -80,11 +80,11 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
         for key, given in named.items():
             others = [one for one in (given if isinstance(given, list | dict) else ()) if one not in known]
             if others:
-                why = "it is none of fidelities"
+                why = "not listed in fidelities"
                 lines.append(f"expect.{i}.{key} = {', '.join(others)} has no effect: {why}")
     pressed = "desired_force" in signals and not hasattr(scenario.controller, "excitation")
     if pressed and getattr(scenario.reference, "largest_force", lambda: 1.0)() == 0:
-        lines.append("reference has no effect: 0 N are wanted all the time")
+        lines.append("reference has no effect: the desired force is always 0 N")
     forces = getattr(scenario.reference, "forces", [])
     for i, (before, force) in enumerate(pairwise(forces if "desired_force" in signals else ()), start=1):
         if force == before:
@@ -94,7 +94,7 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
     read |= {"compliance"} if "desired_force" in signals else set()
     for name, keys in _OF_MODEL.items() if _known(readers) else ():
         if name not in read:
-            lines += _unused(scenario.model, "model", keys, f"nothing here reads the {name} of the model")
+            lines += _unused(scenario.model, "model", keys, f"no part of the scenario reads the {name} of the model")
     for name in ("reference", "motion", "controller") if scenario.as_written else ():
         beyond = getattr(getattr(scenario, name), "beyond", None)
         for key, why in (beyond(scenario.duration) if beyond is not None else {}).items():

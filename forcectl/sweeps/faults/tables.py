@@ -38,7 +38,7 @@ def table(report: FaultReport, width: int) -> Table:
     title = escape(f"{report.scenario}: {report.variant} [{report.fidelity}], from {report.begin:g} s")
     if width < _NARROW:
         lines = new_table(title, "fault")
-        lines.add_column("what it comes to", overflow="fold")
+        lines.add_column("outcome", overflow="fold")
         for row in report.rows:
             controller, fault, *numbers = map(escape, cells(row))
             lines.add_row(f"{controller}:\n  {fault}", in_words(numbers))

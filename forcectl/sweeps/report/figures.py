@@ -144,7 +144,9 @@ def sensitivity_figure(found: dict[str, Sensitivity]) -> Figure:
     low, high = grid[0].get_xlim()
     grid[0].set_xlim(min(low, 0.0), max(high, 1.0))
     if first.total is None:
-        entry = Line2D([], [], color=GREY, lw=1.0, ls=(0, (4, 2)), label="5 % of keys without influence are beyond it")
+        entry = Line2D(
+            [], [], color=GREY, lw=1.0, ls=(0, (4, 2)), label="a key without influence exceeds it in 5 % of sweeps"
+        )
         below(figure, [entry])
     else:
         labels = (("first order: the key alone", COLOURS[0]), ("total: with all its interactions", COLOURS[4]))
@@ -233,7 +235,7 @@ def _success(study: Study, table: pd.DataFrame, columns: list[KeyColumn], label:
     if columns:
         figure = by_key_figure(ordered[:_MOST_KEYS], good, arm, arms, label)
         caption = f"Counted: {condition}. Bands and bars: Wilson intervals of 95 %. Where a key takes many values, "
-        caption += "neighbours count together."
+        caption += "neighbouring values are counted together."
         drawn.append(Drawn("success_by_key", f"{label} over each key", caption, figure))
     return drawn
 
@@ -247,7 +249,7 @@ def _share_over(study: Study, table: pd.DataFrame) -> list[Drawn]:
     found = {
         case: {arm: share_over(study, part, arm) for arm in study.arms} for case, part in parts.items() if len(part)
     }
-    caption = f"Counted: {over.condition}, with at most so much of {over.metric}, of all finished trials."
+    caption = f"Counted: {over.condition}, with {over.metric} up to the allowed value, of all finished trials."
     figure = share_over_figure(found, with_unit(over.metric))
     return [Drawn("share_over", f"share of trials over the allowed {over.metric}", caption, figure)]
 
@@ -296,7 +298,7 @@ def _of_envelope(name: str, envelopes: dict[str, Envelope], unit: str) -> list[D
         return []
     size = max(envelope.levels.shape[1] for envelope in envelopes.values())
     used, planned = (sum(getattr(one, part) for one in envelopes.values()) for part in ("trials", "planned"))
-    caption = f"From {used} of {planned} finished trials; a trial that fails counts until then."
+    caption = f"From {used} of {planned} finished trials; a failed trial counts up to the failure."
     drawn = []
     for k in range(size):
         own = {arm: one for arm, one in envelopes.items() if k < one.levels.shape[1]}

@@ -40,7 +40,7 @@ def killed(tmp_path, monkeypatch):
 
 def test_it_is_recognised_and_becomes_an_interrupted_run(killed):
     (one,) = found_in(killed)
-    assert (one.left, one.state) == (True, "left by a process that is gone; after 2 of 3 variants")
+    assert (one.left, one.state) == (True, "left by a process that has ended; after 2 of 3 variants")
     assert found_at(killed / "here") == one
     assert clean(killed) == [f"kept: {killed / 'here.interrupted'}"]
     assert sorted(path.name for path in killed.iterdir()) == ["here.interrupted", "loop.yaml"]
@@ -66,7 +66,7 @@ def test_the_next_one_who_claims_the_directory_settles_it(killed):
 
 def test_a_run_that_is_not_there_yet_can_be_shown_and_listed(killed, forcectl, monkeypatch):
     monkeypatch.chdir(killed)
-    left = "left by a process that is gone; after 2 of 3 variants"
+    left = "left by a process that has ended; after 2 of 3 variants"
     assert forcectl("show", "here") == (0, f"here: {left}\n", "")
     code, out, _ = forcectl("list", ".")
     assert (code, out.splitlines()[-1]) == (0, "clean up with: forcectl list . --clean")

@@ -113,8 +113,8 @@ SMALL = 0.1 * NOISE
     [
         (SOUND + SMALL, None),
         (SOUND + 4 * NOISE, None),
-        (np.minimum(SOUND, 0.85 * SOUND.max()) + SMALL, "at rest is no line over .*sensor saturated"),
-        (np.maximum(SOUND - 0.2 * SOUND.max(), 0.0) + SMALL, "at rest is no line over .*contact is lost"),
+        (np.minimum(SOUND, 0.85 * SOUND.max()) + SMALL, "at rest is not linear in .*sensor saturated"),
+        (np.maximum(SOUND - 0.2 * SOUND.max(), 0.0) + SMALL, "at rest is not linear in .*contact is lost"),
         (SOUND + SMALL + 0.05 * TIME, "drifts by 0.05. N/s"),
         (SOUND + SMALL - 0.05 * TIME, "drifts by -0.0.* N/s"),
     ],

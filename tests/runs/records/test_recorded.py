@@ -110,15 +110,15 @@ def renamed(old, new):
         (changed("time [s]", 100, TIME[100] + 0.2 * TS), "row 102: .* the others 0.002 s: sampling must be regular"),
         (
             changed("time [s]", 100, 1e300),
-            r"row 102: a time of 1e\+300 s is no time of a record: must be at most 1e\+10",
+            r"row 102: a time of 1e\+300 s is implausible: must be at most 1e\+10",
         ),
-        (good(**{"time [s]": 1e300 * TIME}), r"row 3: a time of 2e\+297 s is no time of a record"),
-        (good(**{"time [s]": 1e-9 * TIME}), "a period of 2e-12 s is that of no record: must be at least 1e-06 s"),
+        (good(**{"time [s]": 1e300 * TIME}), r"row 3: a time of 2e\+297 s is implausible"),
+        (good(**{"time [s]": 1e-9 * TIME}), "a period of 2e-12 s is implausible: must be at least 1e-06 s"),
         (good(**{"displacement [m]": np.full(U.size, 0.5)}), r"displacement \[m\] is constant at 0.5.*must move it"),
         (good(**{"force [N]": np.zeros(U.size)}), r"force \[N\] is constant at 0.*is there contact"),
-        (good(**{"force [N]": np.minimum(Y, 15.0)}), r"force \[N\]: stands still at 15 .*saturated"),
+        (good(**{"force [N]": np.minimum(Y, 15.0)}), r"force \[N\]: is constant at 15 .*saturated"),
         # no contact before the tool has moved 1.4 mm, nor at the end
-        (good(**{"force [N]": np.maximum(Y - 8.0, 0.0)}), r"force \[N\]: stands still at 0 .*contact is lost"),
+        (good(**{"force [N]": np.maximum(Y - 8.0, 0.0)}), r"force \[N\]: is constant at 0 .*contact is lost"),
         (good(**{"force [N]": -np.minimum(Y, 15.0)}), "saturated"),
         ({name: values[:80] for name, values in good().items()}, "has 80 rows: must have at least 100"),
         (renamed("force [N]", "force"), r"'force' has no unit: write it in the header, as in 'force \[N\]'"),
@@ -140,7 +140,7 @@ def test_faults_are_named_by_row_or_column_with_what_to_do(tmp_path, columns, wo
 def test_a_reading_that_stands_alone_is_told_with_its_row(tmp_path):
     spiked = Y.copy()
     spiked[1500] = 300.0
-    with pytest.raises(BadInputError, match=r"data.csv row 1502, column force \[N\]: 300 stands alone between"):
+    with pytest.raises(BadInputError, match=r"data.csv row 1502, column force \[N\]: 300 is an outlier between"):
         read_record(write(tmp_path, good(**{"force [N]": spiked})))
 
 
@@ -202,10 +202,10 @@ def test_damaged_files_are_refused_in_one_line_or_read(tmp_path):
 def test_a_number_out_of_all_proportion_is_named_by_its_row(tmp_path):
     force = Y.copy()
     force[5000] = 1e300
-    with pytest.raises(BadInputError, match=r"row 5002, column force \[N\]: 1e\+300 is no force of a robot"):
+    with pytest.raises(BadInputError, match=r"row 5002, column force \[N\]: 1e\+300 is implausible as a force"):
         read_record(write(tmp_path, good(**{"force [N]": force})))
     kilo = {"force [N]": 1e3 * Y}
-    with pytest.raises(BadInputError, match=r"is no force of a robot: must be at most 10000 N"):
+    with pytest.raises(BadInputError, match=r"is implausible as a force: must be at most 10000 N"):
         read_record(write(tmp_path, good(**kilo)))
 
 

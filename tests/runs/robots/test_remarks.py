@@ -7,8 +7,10 @@ from tests.examples.public_robots import write_public_robot
 from tests.examples.robot_folders import CONTROL, write_planar_robot
 
 LITTLE = "\n".join(line for line in CONTROL.splitlines() if "friction" not in line) + "\n"
-ZERO = "friction of the model is 0 in all arm joints: counts as not known, 5 % of the largest torque is assumed"
-SLICK = "friction of the model is 0 in shoulder, wrist: nothing sticks; without a sensor forces are felt too well"
+ZERO = "friction of the model is 0 in all arm joints: counts as unknown, 5 % of the largest torque is assumed"
+SLICK = (
+    "friction of the model is 0 in shoulder, wrist: no stick-slip; without a sensor force estimates are too accurate"
+)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +71,7 @@ def test_what_is_wrong_in_an_arm_is_told_beside_all_that_is_missing(tmp_path):
 def test_joints_out_of_their_order_are_noted(tmp_path):
     folder = write_planar_robot(tmp_path, CONTROL.replace("[shoulder, elbow, wrist]", "[elbow, shoulder, wrist]"))
     told = (
-        "arm_joints: elbow before shoulder, which moves it: the joints do not stand from base to flange, and lists of"
+        "arm_joints: elbow before shoulder, which moves it: the joints are not listed from base to flange, and lists of"
     )
     assert [note for note in examine_robot(folder).notes if note.startswith(told)]
     write_planar_robot(tmp_path / "own", CONTROL)

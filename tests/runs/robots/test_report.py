@@ -315,10 +315,13 @@ def test_what_is_missing_is_counted_though_the_robot_cannot_be_used(tmp_path, fo
     report = examine_robot(folder)
     assert report.robot is None
     assert "period" in report.missing
-    assert "default_posture_deg: [0, 0, 0]  # a first guess, until nothing is wrong any more; far" in report.yaml()
+    assert (
+        "default_posture_deg: [0, 0, 0]  # a first guess, to be updated once all problems are corrected; far"
+        in report.yaml()
+    )
     urdf.write_text("<robot")
     _, out, _ = forcectl("robot", "robot")
-    assert "robot: 1 problem; what else is missing is told after that" in out
+    assert "robot: 1 problem; further missing keys are reported once this is corrected" in out
 
 
 def test_limits_that_no_mujoco_file_gives_are_missing(tmp_path):
@@ -338,7 +341,7 @@ def test_an_empty_file_is_as_none(tmp_path, forcectl):
     folder = write_planar_robot(tmp_path / "robot", "")
     report = examine_robot(folder)
     assert report.problems == []
-    assert "planar.control.yaml is empty: as if there were none" in report.notes
+    assert "planar.control.yaml is empty and has no effect" in report.notes
     (folder / "planar.control.yaml").unlink()
     assert examine_robot(folder).missing == examine_robot(folder / "planar.urdf").missing == report.missing
     (folder / "planar.control.yaml").write_text("# nothing yet\n")

@@ -9,9 +9,12 @@ from forcectl.scenario.scenario import build, load_scenario
 # Text of a scenario of 2 s; how the message goes on after file and line.
 REFUSED = [
     ("analyses: {s: !SurfaceAlignment {deadline: 3.5}}", "analyses.s.deadline = 3.5: must be below duration = 2 s"),
-    ("reference: !Ramp {rate: 0.001}", "reference.rate = 0.001: must be enough to end before 60 s, 20 times duration"),
+    ("reference: !Ramp {rate: 0.001}", "reference.rate = 0.001: must be enough to end before 60 s, the longer of 20"),
     ("reference: !Sine {frequency: 0.001}", "reference.frequency = 0.001: must be at least 0.01667 Hz, one period in"),
-    ("reference_model: 1e-3", "reference_model = 0.001: must be at least 0.01667 rad/s, one over 20 times"),
+    (
+        "reference_model: 1e-3",
+        "reference_model = 0.001: must be at least 0.01667 rad/s, the inverse of the longer of 20 times",
+    ),
     (
         "reference_model: 1e5",
         "reference_model = 100000.0: must be below 1000 rad/s, two over the control tick of 0.002",
@@ -20,7 +23,8 @@ REFUSED = [
     ("model_error_window: 0.002", "model_error_window = 0.002: must be at least 0.004 s, two control ticks"),
     (
         "station: {environment: {surface: {moves: [{distance: 0.01, duration: 100}]}}}",
-        "station.environment.surface.moves.0.duration = 100.0: must be at most 60 s, 20 times duration or a minute",
+        "station.environment.surface.moves.0.duration = 100.0: must be at most 60 s, the longer of "
+        "20 times duration and a minute",
     ),
     (
         "station: {sensors: {force: {faults: [{kind: jitter, value: 1e-4}]}}}",

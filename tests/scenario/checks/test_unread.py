@@ -28,7 +28,7 @@ NO_EFFECT = [
     (
         "model: {payload: 1, friction_scale: 2}",
         ["model.friction_scale = 2.0", "model.payload = 1.0"],
-        "nothing here",
+        "no part of the scenario reads",
     ),
     ("model: {payload: 1}\ncontroller: !InvarianceRobot {nominal_gain: 1}", [], ""),
     ("model: {payload: 1}\nanalyses: {mine: !Import {path: own:Mine}}", [], ""),
@@ -54,7 +54,7 @@ NO_EFFECT = [
         "the gain of the signal that it filters is 0",
     ),
     ("controller: !Pid {derivative_gain: 0.01, derivative_filter: 0.1}", [], ""),
-    ("reference: !Step {force: 0}", ["reference"], "0 N are wanted all the time"),
+    ("reference: !Step {force: 0}", ["reference"], "the desired force is always 0 N"),
     ("reference: !Step {force: 0}\ncontroller: !RecursiveVrft {}", [], ""),
     ("reference: !Ramp {force: 15, rate: 5}", ["reference.force = 15"], "the ramp ends at 3 s, the run at 0.4 s"),
     ("reference: !Ramp {force: 15, rate: 50}", [], ""),
@@ -63,7 +63,7 @@ NO_EFFECT = [
         "fidelities: [OneDimensional]\n"
         "expect: [{target: a, metric: overshoot_N, maximum: 9, fidelities: [Kinematic], expected: {Multibody: 1}}]",
         ["expect.0.fidelities = Kinematic", "expect.0.expected = Multibody"],
-        "it is none of fidelities",
+        "not listed in fidelities",
     ),
     ("expect: [{target: a, metric: overshoot_N, maximum: 9, fidelities: [Kinematic]}]", [], ""),
     (SLIDING.format("0, end: 0.02", "0.02, end: 0.09"), [f"{SEGMENTS}.1"], "the tool goes from 0 to 0.01 m of"),

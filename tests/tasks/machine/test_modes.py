@@ -162,8 +162,8 @@ GUARDS = {
     "1 > 0": ".*must be a comparison of a name",
     "1 / 0 > time": ".*'1 / 0' must be a number",
     "9 ** 9 ** 9 ** 9 > time": ".*must be a number",
-    "time > 3 and time < 2": ".*no time is so: must be able to hold",
-    "abs(touch.force_z) < 0": r".*no abs\(touch.force_z\) is so",
+    "time > 3 and time < 2": ".*true for no time: must be possible",
+    "abs(touch.force_z) < 0": r".*true for no abs\(touch.force_z\): must be",
     "reached > 5": ".*reached is 0 or 1: must be able to hold",
     "time < 0": ".*must be true before the timeout, 1 s",
     "touch.force_z > 1 and time >= 5": ".*must be true before the timeout, 1 s",
@@ -178,12 +178,12 @@ GUARDS = {
     "touch.force_z / 0 > 2": ".*'touch.force_z / 0' has no value",
     "touch.force_z - touch.force_z > 1": ".*is always false",
     "reached == 0.5": ".*reached is 0 or 1: must be able to hold",
-    "touch.force_z > 2 or touch.force_z < 3": ".*: any touch.force_z is so: must not be",
+    "touch.force_z > 2 or touch.force_z < 3": ".*: true for every touch.force_z: must not be",
     "time > 0.501 and time < 0.503": ".*must be true at a tick, every 0.004 s",
     "holding > 2": ".*holding is 0 or 1: must be able to hold",
     "reached <= 1": ".*is always true",
     "time < 0.5": ".*is true from the first tick on: must be false there",
-    "time > 0.5 or time < 2": ".*: any time is so: must not be",
+    "time > 0.5 or time < 2": ".*: true for every time: must not be",
 }
 
 
