@@ -26,7 +26,7 @@ from forcectl.errors import BadInputError
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.slot import ControllerConfig
 from forcectl.framework.batch import check_count
-from forcectl.framework.fields import Config, key, knows_batches
+from forcectl.framework.fields import Config, key, supports_batches
 from forcectl.framework.wiring import input_names, split
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
@@ -181,7 +181,7 @@ def is_scalar(parts: LoopParts) -> bool:
     station = parts.station
     whole = (station.fidelity, station.drive, station.environment, *station.sensors.values())
     return (
-        all(map(knows_batches, (*whole, parts.controller, parts.reference, parts.motion, parts.model)))
+        all(map(supports_batches, (*whole, parts.controller, parts.reference, parts.motion, parts.model)))
         and len(station.sensors) == 1
         and station.environment.surface.uniform
         and parts.motion.interval() is None

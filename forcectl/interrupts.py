@@ -20,15 +20,15 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C, a batch syst
 EXIT_CODE = 130
 NOTHING_KEPT = "interrupted: nothing was kept"
 _CLEAR = b"\r\x1b[2K\x1b[?25h"  # the line of a progress bar, and show the cursor again
-_last_words = NOTHING_KEPT
+_message = NOTHING_KEPT
 _last_acts: list[Callable[[], object]] = []
 ending = False  # an interrupted process skips the interpreter's shutdown, which takes half a second with Drake
 
 
-def say_when_interrupted(line: str) -> None:
+def set_interrupt_message(line: str) -> None:
     """Set the line that the command line prints when it is interrupted from now on."""
-    global _last_words
-    _last_words = line
+    global _message
+    _message = line
 
 
 @contextlib.contextmanager
@@ -37,7 +37,7 @@ def leaving() -> Iterator[None]:
 
     An exception could be lost or changed while a compiled module is being imported.
     """
-    say_when_interrupted(NOTHING_KEPT)
+    set_interrupt_message(NOTHING_KEPT)
     before = _set(dict.fromkeys(SIGNALS, _leave))
     try:
         yield
@@ -60,7 +60,7 @@ def _leave(number: int, frame: object) -> None:
     for act in reversed(tuple(_last_acts)):
         act()
     clear = _CLEAR if os.isatty(2) else b""
-    os.write(2, clear + f"{_last_words}\n".encode())
+    os.write(2, clear + f"{_message}\n".encode())
     os._exit(EXIT_CODE)
 
 
@@ -75,13 +75,13 @@ class Interrupts:
 
     Attributes:
         asked: whether there was an interrupt.
-        heeded: whether the caller has handled it.
+        handled: whether the caller has handled it.
     """
 
     def __init__(self, held: bool = False):
         self._held = held
         self._raising = not held
-        self.asked = self.heeded = False
+        self.asked = self.handled = False
 
     def __enter__(self) -> Interrupts:
         self._before = _set(dict.fromkeys(SIGNALS, self._note))
@@ -91,7 +91,7 @@ class Interrupts:
         self._raising = False
         _set(self._before)
         raised = kind is not None and issubclass(kind, KeyboardInterrupt)
-        if self.asked and not self.heeded and not raised:
+        if self.asked and not self.handled and not raised:
             signal.raise_signal(signal.SIGINT)
 
     def _note(self, number: int, frame: object) -> None:
@@ -117,7 +117,7 @@ class Interrupts:
 
 
 @contextlib.contextmanager
-def passed_over() -> Iterator[None]:
+def interrupts_ignored() -> Iterator[None]:
     """A context in which interrupts are ignored, also by processes that are started in it."""
     before = _set(dict.fromkeys(SIGNALS, signal.SIG_IGN))
     try:
@@ -128,7 +128,7 @@ def passed_over() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def for_this_process_alone() -> Iterator[None]:
+def interrupts_deferred() -> Iterator[None]:
     """A context in which interrupts are deferred, and processes that are started in it do not receive Ctrl-C."""
     with Interrupts(held=True):
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited, by new programs too
@@ -138,7 +138,7 @@ def for_this_process_alone() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def last_of_all() -> None:
+def register_exit_steps() -> None:
     """Register the last steps of a process that uses `leaving`; to be called before other exit handlers are registered.
 
     No message is printed for an interrupt that was raised where Python drops exceptions, see `Interrupts`. An interrupt
@@ -163,12 +163,12 @@ def finish() -> None:
     """Print the line of an interrupted process, and skip the interpreter's shutdown at its end."""
     global ending
     ending = True
-    print(_last_words, file=sys.stderr, flush=True)
+    print(_message, file=sys.stderr, flush=True)
 
 
 def _set(handlers: Mapping[int, Any]) -> dict[int, Any]:
     """Set handlers of signals; returns the earlier ones. Only in the main thread; ignored signals stay ignored."""
     if threading.current_thread() is not threading.main_thread():
         return {}
-    heard = [number for number in handlers if signal.getsignal(number) is not signal.SIG_IGN]
-    return {number: signal.signal(number, handlers[number]) for number in heard}
+    settable = [number for number in handlers if signal.getsignal(number) is not signal.SIG_IGN]
+    return {number: signal.signal(number, handlers[number]) for number in settable}

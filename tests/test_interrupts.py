@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from forcectl.interrupts import Interrupts, for_this_process_alone
+from forcectl.interrupts import Interrupts, interrupts_deferred
 
 
 def press() -> None:
@@ -25,7 +25,7 @@ def test_an_interrupt_raises_within_and_what_was_there_before_comes_back():
 
 def test_one_that_python_passed_over_is_raised_again():
     with Interrupts() as interrupts:
-        interrupts.heeded = True
+        interrupts.handled = True
         with contextlib.suppress(KeyboardInterrupt):  # as while an object is freed
             press()
         with pytest.raises(KeyboardInterrupt):
@@ -34,18 +34,18 @@ def test_one_that_python_passed_over_is_raised_again():
 
 def test_a_held_one_waits_until_it_is_let_through():
     with Interrupts(held=True) as interrupts:
-        interrupts.heeded = True
+        interrupts.handled = True
         press()
         for _ in range(2):
             with pytest.raises(KeyboardInterrupt), interrupts.let_through():
                 raise AssertionError("not stopped")
     with Interrupts(held=True) as interrupts:
-        interrupts.heeded = True
+        interrupts.handled = True
         with pytest.raises(KeyboardInterrupt), interrupts.let_through():
             press()
 
 
-@pytest.mark.parametrize("inner", [lambda: Interrupts(held=True), for_this_process_alone])
+@pytest.mark.parametrize("inner", [lambda: Interrupts(held=True), interrupts_deferred])
 def test_what_nobody_heeds_goes_on_to_the_one_around(inner):
     done = []
 
@@ -64,12 +64,12 @@ def test_what_nobody_heeds_goes_on_to_the_one_around(inner):
 def test_what_was_heeded_does_not():
     with Interrupts(), Interrupts(held=True) as inner:
         press()
-        inner.heeded = True
+        inner.handled = True
 
 
 def test_processes_started_within_leave_it_to_this_one():
     code = "import os, signal; os.kill(os.getpid(), signal.SIGINT); print('alive')"
-    with for_this_process_alone():
+    with interrupts_deferred():
         done = subprocess.run([sys.executable, "-S", "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "alive\n", "")
 

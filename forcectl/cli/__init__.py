@@ -14,7 +14,7 @@ from forcectl import interrupts
 
 def main() -> None:
     """Entry point: every error is one line on standard error."""
-    interrupts.last_of_all()
+    interrupts.register_exit_steps()
     with interrupts.leaving():  # before anything that takes time
         from forcectl.cli import net
 

@@ -81,7 +81,7 @@ app.add_typer(tuning, name="tune")
 tuning.command(cls=OnceCommand)(vrft)
 
 # Newer versions of Typer carry their own copy of Click, so the base class of usage errors is found by name.
-_Complaint: type[Exception] = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+_UsageError: type[Exception] = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
 
 @cache
@@ -102,22 +102,22 @@ def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
     try:
         os.getcwd()
     except OSError:
-        return _complain("the working directory is gone: must be one that exists", 2)
+        return _print_error("the working directory is gone: must be one that exists", 2)
     try:
         check_memory()
         return _commands()(standalone_mode=False, prog_name="forcectl") or 0
     except MemoryError:
-        return _complain("not enough memory: only results that were reported as written are kept", 1)
+        return _print_error("not enough memory: only results that were reported as written are kept", 1)
     except ForcectlError as error:
         look(error)
-        return _complain(str(error), 2 if isinstance(error, BadInputError) else 1)
-    except _Complaint as error:
+        return _print_error(str(error), 2 if isinstance(error, BadInputError) else 1)
+    except _UsageError as error:
         context = getattr(error, "ctx", None)
         see = f" (see {context.command_path} --help)" if context else ""
         text = getattr(error, "format_message", error.__str__)()
-        return _complain(f"{text.rstrip('.')}{see}", 2)
+        return _print_error(f"{text.rstrip('.')}{see}", 2)
     except typer.Abort:
-        return _complain("stopped", 1)
+        return _print_error("stopped", 1)
     except (BrokenPipeError, SystemExit) as error:  # the reader of a pipe, such as `head`, has ended
         # Rich turns a broken pipe into SystemExit.
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
@@ -128,10 +128,10 @@ def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
         if error.errno != errno.ENOSPC or error.filename is not None:
             raise
         look(error)
-        return _complain(f"the output of this command cannot be written: {error.strerror}", 1)
+        return _print_error(f"the output of this command cannot be written: {error.strerror}", 1)
 
 
-def _complain(text: str, code: int) -> int:
+def _print_error(text: str, code: int) -> int:
     line = " ".join(text.split())
     line = line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
     print(f"error: {line}", file=sys.stderr)

@@ -19,7 +19,7 @@ from forcectl.cli.options import (
     echo_json,
     terminal,
 )
-from forcectl.cli.robot import say_assumed
+from forcectl.cli.robot import print_assumed
 from forcectl.errors import BadInputError, unknown
 from forcectl.interrupts import Interrupts
 
@@ -99,7 +99,7 @@ def check(
 
     Example: forcectl check fig_2_7 --from station.measured_force --to station.joint_position_command
     """
-    from forcectl.cli.target import named_diagram, said_of
+    from forcectl.cli.target import info_lines, named_diagram
     from forcectl.doctor import examine, render
     from forcectl.runs.entry import margins_of
     from forcectl.runs.run import assumed_of
@@ -112,10 +112,10 @@ def check(
         echo_json({**report.to_dict(), "margins": [each.to_dict() for each in margins]})
     elif not quiet:
         render(report, terminal(), verbose=verbose)
-        for line in (*margins, *shown.code, *said_of(shown)):
+        for line in (*margins, *shown.code, *info_lines(shown)):
             typer.echo(line)
         if shown.chosen:
-            say_assumed(assumed_of(shown.chosen.first))
+            print_assumed(assumed_of(shown.chosen.first))
         for line in passed_over():
             typer.echo(line, err=True)
     if not report.ok:

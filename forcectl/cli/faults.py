@@ -21,7 +21,7 @@ from forcectl.cli.options import (
     echo_json,
     terminal,
 )
-from forcectl.interrupts import Interrupts, say_when_interrupted
+from forcectl.interrupts import Interrupts, set_interrupt_message
 
 
 def faults(
@@ -57,11 +57,11 @@ def faults(
     from forcectl.cli.target import parse_settings
     from forcectl.runs.claims.lock import writing
     from forcectl.sweeps.faults.run_faults import try_faults
-    from forcectl.sweeps.faults.tables import as_json as told
+    from forcectl.sweeps.faults.tables import as_json as table_as_json
     from forcectl.sweeps.faults.tables import markdown, table
 
     if out is not None:
-        say_when_interrupted(f"stopped; the same command goes on in {out}")
+        set_interrupt_message(f"stopped; the same command goes on in {out}")
     with Interrupts() as interrupts:
         report = try_faults(
             scenario,
@@ -80,9 +80,9 @@ def faults(
     if report.directory is not None:
         with writing(report.directory):
             (report.directory / "faults.md").write_text(markdown(report), encoding="utf-8")
-            (report.directory / "faults.json").write_text(json.dumps(told(report), indent=1), encoding="utf-8")
+            (report.directory / "faults.json").write_text(json.dumps(table_as_json(report), indent=1), encoding="utf-8")
     if as_json:
-        echo_json(told(report))
+        echo_json(table_as_json(report))
     elif not quiet:
         console = terminal()
         console.print(table(report, console.width))

@@ -70,8 +70,8 @@ class OnceCommand(TyperCommand):
         """Parse as Typer does, after this check."""
         order: list[Any] = self.make_parser(ctx).parse_args(args=[*args])[2]
         for option in (each for each in order if each.param_type_name == "option" and not each.multiple):
-            says_more = not option.is_flag or option.secondary_opts
-            if says_more and order.count(option) > 1 and not ctx.resilient_parsing:
+            has_value = not option.is_flag or option.secondary_opts
+            if has_value and order.count(option) > 1 and not ctx.resilient_parsing:
                 raise BadInputError(f"{'/'.join([*option.opts, *option.secondary_opts])}: must stand once")
         return super().parse_args(ctx, args)
 

@@ -22,7 +22,7 @@ from forcectl.cli.options import (
     terminal,
 )
 from forcectl.errors import BadInputError
-from forcectl.interrupts import say_when_interrupted
+from forcectl.interrupts import set_interrupt_message
 
 if TYPE_CHECKING:
     from forcectl.runs.reproduce import Reproduction
@@ -94,9 +94,9 @@ def reproduce(
                 progress=progress.show,
             )
         except InterruptedReproductionError as interrupted:
-            say_when_interrupted(str(interrupted))
+            set_interrupt_message(str(interrupted))
             raise
-    say_when_interrupted(f"interrupted: the results are in {report.directory}")
+    set_interrupt_message(f"interrupted: the results are in {report.directory}")
     if as_json:
         passed = {"directory": str(report.directory), "passed": report.passed, "notes": report.notes}
         echo_json(passed | {"experiments": report.summary()})

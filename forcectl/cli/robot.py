@@ -27,8 +27,8 @@ def robot(
         raise typer.Exit(1)
 
 
-def say_assumed(assumed: dict[str, str]) -> None:
+def print_assumed(assumed: dict[str, str]) -> None:
     """Print the parameters that are assumed for the robot of a scenario: key -> rule."""
     if assumed:
-        told = ", ".join(f"{name} ({rule})" for name, rule in assumed.items())
-        typer.echo(f"assumed of the robot: {told}; `forcectl robot` shows the values")
+        parameters = ", ".join(f"{name} ({rule})" for name, rule in assumed.items())
+        typer.echo(f"assumed of the robot: {parameters}; `forcectl robot` shows the values")

@@ -23,9 +23,9 @@ from forcectl.cli.options import (
     echo_json,
     terminal,
 )
-from forcectl.cli.robot import say_assumed
+from forcectl.cli.robot import print_assumed
 from forcectl.errors import BadInputError
-from forcectl.interrupts import say_when_interrupted
+from forcectl.interrupts import set_interrupt_message
 from forcectl.runs.terminal.realtime import check_realtime_rate
 
 if TYPE_CHECKING:
@@ -130,10 +130,10 @@ def run(
                 stage=progress.stage,
             )
         except InterruptedRunError as interrupted:
-            say_when_interrupted(str(interrupted))
+            set_interrupt_message(str(interrupted))
             raise
     directory = Path(result.directory or ".")
-    say_when_interrupted(f"interrupted: the results are in {directory}")
+    set_interrupt_message(f"interrupted: the results are in {directory}")
     if as_json:
         _echo_run(result, directory, "done")
     elif not quiet:
@@ -142,7 +142,7 @@ def run(
         _print_run(result, title, all_, remark)
         for line in found_lines(result.gains):
             typer.echo(line)
-        say_assumed(result.assumed)
+        print_assumed(result.assumed)
         pages = ", replay.html" if replay and len(result.metrics) == 1 else ", replay_<variant>.html" if replay else ""
         files = f"log.nc, metrics.json, figures/, diagram.html{pages}, scenario.yaml, manifest.json"
         typer.echo(f"results in {directory}: {', '.join([files, *of_analyses(directory)])}")

@@ -13,7 +13,7 @@ import typer
 
 from forcectl.cli.options import AllowImports, AsJson, Quiet, Workers, echo_json
 from forcectl.errors import BadInputError, ForcectlError
-from forcectl.interrupts import Interrupts, say_when_interrupted
+from forcectl.interrupts import Interrupts, set_interrupt_message
 
 if TYPE_CHECKING:
     from forcectl.sweeps.at_work import SweepProgress
@@ -96,7 +96,7 @@ def sweep(
             display.hide()
             how = f"go on with: forcectl sweep {directory} --resume"
             if isinstance(error, KeyboardInterrupt):
-                say_when_interrupted(f"stopped; {how}")
+                set_interrupt_message(f"stopped; {how}")
                 raise
             print(f"error: {error}; {how}", file=sys.stderr)
             raise typer.Exit(2 if isinstance(error, BadInputError) else 1) from error

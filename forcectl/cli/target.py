@@ -14,10 +14,10 @@ from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.imports import Imports
 from forcectl.framework.wiring import made_by
 from forcectl.framework.yaml_tree import nest, parse
-from forcectl.inspect.names import said_type
+from forcectl.inspect.names import type_in_words
 from forcectl.runs.chosen import Chosen, choose
 from forcectl.scenario.checks.unread import unread
-from forcectl.scenario.code import code_in, said
+from forcectl.scenario.code import code_in, code_lines
 from forcectl.scenario.error_keys import located
 from forcectl.scenario.gains import gains_lines
 from forcectl.tasks.machine.chart import MachineChart
@@ -83,7 +83,7 @@ def named_diagram(
         BadInputError: there is no such scenario or function, or it cannot be built.
     """
     if ":" in target and not os.path.exists(target):  # not a file with a colon in its name
-        return Shown(target.rpartition(":")[2], _call_for_diagram(target), said({"": target}))
+        return Shown(target.rpartition(":")[2], _call_for_diagram(target), code_lines({"": target}))
     chosen = choose(target, variant, parse_settings(settings), None, fidelity, allow or (), whole=whole)
     content, signals = chosen.looked_through()
     return Shown(chosen.file.name, content, _code(chosen), chosen, signals)
@@ -111,10 +111,10 @@ def named_machine(
 
 
 def _code(chosen: Chosen) -> list[str]:
-    return said(code_in(chosen.file) | code_in(replace(chosen.file, tree=nest(chosen.changes))))
+    return code_lines(code_in(chosen.file) | code_in(replace(chosen.file, tree=nest(chosen.changes))))
 
 
-def said_of(shown: Shown) -> list[str]:
+def info_lines(shown: Shown) -> list[str]:
     """Lines on gains that an experiment finds before each run of the first variant, and on unread keys of all."""
     if shown.chosen is None:
         return []
@@ -138,5 +138,5 @@ def _call_for_diagram(path: str) -> System:
             raise BadInputError(f" = {path!r}: {loop.text}", key="diagram") from error
         raise BadInputError(f"{wanted}, but raised {one_line(error)}", key="diagram") from error
     if not isinstance(diagram, System):
-        raise BadInputError(f"{wanted}, not {said_type(diagram)}", key="diagram")
+        raise BadInputError(f"{wanted}, not {type_in_words(diagram)}", key="diagram")
     return diagram

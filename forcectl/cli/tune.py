@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from forcectl.cli.options import AsJson, Quiet, echo_json, terminal
-from forcectl.interrupts import say_when_interrupted
+from forcectl.interrupts import set_interrupt_message
 
 
 def vrft(
@@ -95,7 +95,7 @@ def vrft(
         force=force,
     )
     directory = Path(tuned.directory or ".")
-    say_when_interrupted(f"interrupted: the results are in {directory}")
+    set_interrupt_message(f"interrupted: the results are in {directory}")
     if as_json:
         echo_json({"directory": str(directory), **tuned.summary()})
         return

@@ -19,7 +19,7 @@ from forcectl.errors import BadInputError
 from forcectl.inspect.delay import COMMANDS, SENSOR, DelayChain, trace, way_and_back, ways_around
 from forcectl.inspect.events import read_timing
 from forcectl.inspect.feedthrough import feedthrough_table
-from forcectl.inspect.names import said_type
+from forcectl.inspect.names import type_in_words
 from forcectl.inspect.ports import PortName, find_inputs, find_outputs
 from forcectl.inspect.schedule import clean
 from forcectl.inspect.start import StartValues
@@ -56,7 +56,7 @@ def examine(
         BadInputError: `sensor` or `command` name no port, or several; `scheme` is not a scheme of Drake.
     """
     if not isinstance(system, System):
-        raise BadInputError(f"examine() takes a Drake system, not {said_type(system)}")
+        raise BadInputError(f"examine() takes a Drake system, not {type_in_words(system)}")
     chosen = scheme_name(scheme)
     wiring = Wiring(system)
     values = StartValues(wiring)

@@ -46,8 +46,8 @@ def missing_prerequisites(values: StartValues) -> Iterator[Finding]:
             continue
         inputs = [port for port in wiring.inputs(path) if is_vector(wiring.port(port))]
         for output in filter(lambda port: is_vector(wiring.port(port)), wiring.outputs(path)):
-            said = wiring.passed(output)
-            hidden = [port for port in inputs if port not in said and _changes(values, output, port)]
+            declared = wiring.passed(output)
+            hidden = [port for port in inputs if port not in declared and _changes(values, output, port)]
             if hidden:
                 names = ", ".join(wiring.port(port).get_name() for port in hidden)
                 yield error(

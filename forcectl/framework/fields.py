@@ -306,13 +306,13 @@ def _check_number(name: str, value: Any, declared: Key, kind: type, default: Any
         raise invalid(name, value, declared.allowed())
 
 
-def knows_batches(part: Any) -> bool:
+def supports_batches(part: Any) -> bool:
     """Whether a part of a scenario, and every part in it, can make blocks for a batch; no for other objects."""
     if isinstance(part, Config):
         inner = [getattr(part, field.name) for field in dataclasses.fields(part)]  # type: ignore[arg-type]
-        return part.in_batches and all(map(knows_batches, inner))
+        return part.in_batches and all(map(supports_batches, inner))
     if isinstance(part, list | tuple | dict):
-        return all(map(knows_batches, part.values() if isinstance(part, dict) else part))
+        return all(map(supports_batches, part.values() if isinstance(part, dict) else part))
     return part is None or isinstance(part, Real | str | PurePath | np.ndarray)
 
 

@@ -210,7 +210,7 @@ def _read(text: str, origin: str) -> Tree:
     except BadInputError:
         raise
     except ZeroBeforeError as error:
-        raise error.told(node, origin) from None
+        raise error.bad_input(node, origin) from None
     except yaml.YAMLError as error:
         raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
     except RecursionError:

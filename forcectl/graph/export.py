@@ -21,7 +21,7 @@ from pydrake.systems.framework import Context, System
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.graph.extract import read_blocks
 from forcectl.graph.model import BlockGraph
-from forcectl.inspect.names import said_type
+from forcectl.inspect.names import type_in_words
 from forcectl.tasks.machine.chart import MachineChart
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def graph(
     if isinstance(diagram, MachineChart):
         return MachineGraph(diagram)
     if not isinstance(diagram, System):
-        raise BadInputError(f"graph() takes a Drake system, not {said_type(diagram)}")
+        raise BadInputError(f"graph() takes a Drake system, not {type_in_words(diagram)}")
     if depth is not None and (isinstance(depth, bool) or not isinstance(depth, int) or depth < 0):
         raise invalid("depth", depth, "a whole number >= 0, or None for all levels")
     blocks = read_blocks(diagram, context or diagram.CreateDefaultContext(), hide_unused, loggers)

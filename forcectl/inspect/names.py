@@ -19,7 +19,7 @@ def type_name(system: System) -> str:
     return re.split(r"[<\[𝓣]", name)[0].strip("_")
 
 
-def said_type(value: object) -> str:
+def type_in_words(value: object) -> str:
     """Class name for a message about a wrong type, such as `Diagram of AutoDiffXd, where double is needed`."""
     name, _, scalar = type(value).__name__.partition("_𝓣")
     return f"{name} of {scalar[:-1]}, where double is needed" if scalar else name

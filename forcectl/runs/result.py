@@ -108,14 +108,14 @@ class RunResult:
 
     def __repr__(self) -> str:
         judged = [v for v in self.verdicts if v.passed is not None]
-        said = [f"{len(self.metrics)} variants"] if len(self.metrics) != 1 else []
-        said += (
+        parts = [f"{len(self.metrics)} variants"] if len(self.metrics) != 1 else []
+        parts += (
             [f"{self.log.sizes['time']} samples to {float(self.log['time'][-1]):g} s"] if self.log.sizes["time"] else []
         )
-        said += [f"{sum(v.passed is True for v in judged)} of {len(judged)} expectations met"] if judged else []
-        said += [f"in {self.directory}"] if self.directory else []
-        said += [f"{count} findings" for count in [sum(map(len, self.findings.values()))] if count]
-        return f"<run of {self.name!r}: {', '.join(said)}>"
+        parts += [f"{sum(v.passed is True for v in judged)} of {len(judged)} expectations met"] if judged else []
+        parts += [f"in {self.directory}"] if self.directory else []
+        parts += [f"{count} findings" for count in [sum(map(len, self.findings.values()))] if count]
+        return f"<run of {self.name!r}: {', '.join(parts)}>"
 
     def _repr_html_(self) -> str:
         from forcectl.runs.terminal.tables import as_html, metrics_table, short_list, verdict_table
@@ -123,8 +123,8 @@ class RunResult:
         title = f"{self.name}: {self.scenario.title}" if self.scenario else self.name
         tables = [metrics_table(self.metrics, title, short_list(self.metrics, self.verdicts), _PAGE)]
         tables += [verdict_table(self.verdicts, "Expectations", _PAGE)] if self.verdicts else []
-        said = "".join(f"<li>{escape(line)}</li>" for line in findings_lines(self.findings))
-        page = f"{as_html(tables, _PAGE)}<ul>{said}</ul>"
+        items = "".join(f"<li>{escape(line)}</li>" for line in findings_lines(self.findings))
+        page = f"{as_html(tables, _PAGE)}<ul>{items}</ul>"
         if figures := self._figures():
             from forcectl.figures.force import as_svg
 

@@ -18,7 +18,7 @@ from forcectl.analysis.slot import check_files
 from forcectl.errors import BadInputError, one_line
 from forcectl.figures.file_names import file_names
 from forcectl.framework.yaml_tree import as_json
-from forcectl.interrupts import Interrupts, passed_over
+from forcectl.interrupts import Interrupts, interrupts_ignored
 from forcectl.robot.model import RobotModel
 from forcectl.runs.chosen import Chosen, choose
 from forcectl.runs.claims.claim import Claim, Place, claimed
@@ -103,7 +103,7 @@ def run(
                     return finish(chosen, outcomes, claim, replay=replay)
         except KeyboardInterrupt:
             pass  # the frames of the traceback hold the diagram
-        with passed_over():  # further interrupts do not stop the writing
+        with interrupts_ignored():  # further interrupts do not stop the writing
             raise _keep_interrupted(chosen, outcomes, claim)
 
 
@@ -217,8 +217,8 @@ def _write_words(
         "expectations": {v.target: v.as_row() for v in verdicts},
     }
     write_file(folder / "scenario.yaml", f"# {chosen.file.name}, resolved\n{text}".encode())
-    said = {name: {"findings": [one.as_row() for one in found]} for name, found in _findings(outcomes).items()}
-    write_json(folder / "metrics.json", {name: each | said[name] for name, each in _metrics(outcomes).items()})
+    rows = {name: {"findings": [one.as_row() for one in found]} for name, found in _findings(outcomes).items()}
+    write_json(folder / "metrics.json", {name: each | rows[name] for name, each in _metrics(outcomes).items()})
     write_json(folder / "manifest.json", manifest(text, details))
 
 

@@ -85,8 +85,8 @@ def simulate(
         return replace(simulate(tuned, build(tuned), variant, realtime_rate, progress), gains=gains)
     with Interrupts(held=True) as interrupts:
         outcome = _simulated(scenario, loop, variant, realtime_rate, progress, interrupts)
-        if interrupts.asked and not interrupts.heeded:  # after the last step: the log is kept
-            interrupts.heeded = True
+        if interrupts.asked and not interrupts.handled:  # after the last step: the log is kept
+            interrupts.handled = True
             if outcome.failure is None:
                 failure = f"interrupted at t = {float(outcome.log['time'][-1]):.3f} s"
                 outcome = replace(outcome, failure=failure, interrupted=True)
@@ -175,12 +175,12 @@ def _simulated(
     further = probes | loop.derived(values, probes)
     dataset = to_dataset(times, values, loop.signals, variant, bandwidth, further)
     speed = end / computing if computing > 0 else None
-    interrupts.heeded = isinstance(cause, KeyboardInterrupt)
+    interrupts.handled = isinstance(cause, KeyboardInterrupt)
     outcome = VariantOutcome(
         variant,
         dataset,
         failure=failure,
-        interrupted=interrupts.heeded,
+        interrupted=interrupts.handled,
         realtime_factor=speed,
         diagram=loop.diagram,
         cause=cause,

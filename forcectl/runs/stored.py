@@ -17,7 +17,7 @@ from forcectl.analysis.findings.finding import RunFinding
 from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.runs.directory import SUMMARY
 from forcectl.scenario.catalog import find_scenario
-from forcectl.scenario.code import code_in, said
+from forcectl.scenario.code import code_in, code_lines
 from forcectl.scenario.expectations import Verdict
 
 
@@ -51,7 +51,7 @@ class StoredRun:
     @property
     def code(self) -> list[str]:
         """Lines that list the code outside of forcectl that the run was made with."""
-        return said(code_in(find_scenario(self.directory / "scenario.yaml")))
+        return code_lines(code_in(find_scenario(self.directory / "scenario.yaml")))
 
     def draw(self, allow_imports: Sequence[str] = ()) -> Path:
         """Draw the figures of the log into the folder `figures`; returns it.

@@ -58,21 +58,23 @@ def report_lines(fit: VrftFit, record: Recorded) -> list[str]:
         f"{verdict}"
     )
     off = f"{100 * fit.model_error:.1f} %" if math.isfinite(fit.model_error) else "an unbounded amount"
-    trust = f"checked on the record: in the loop the plant model is off by {off}"
+    check = f"checked on the record: in the loop the plant model is off by {off}"
     if (read := _finite(fit.record_mismatch)) is not None:
-        trust += (
+        check += (
             f"; computed from the record without a model, the loop misses the reference model by {100 * read:.1f} %"
         )
-    return [*lines, trust]
+    return [*lines, check]
 
 
 def inputs_lines(by_input: Mapping[str, Mapping[str, float]], stick: float | None) -> list[str]:
     """The gains of VRFT on commands and on motor positions, where there are both."""
     if len(by_input) < 2:
         return []
-    told = {name: ", ".join(f"{gain} {value:.6g}" for gain, value in gains.items()) for name, gains in by_input.items()}
-    apart = "" if stick is None else f"; K_P differs by {100 * stick:.1f} %"
-    return [f"VRFT on commands: {told['command']}; on motor positions: {told['motor']}{apart}"]
+    texts = {
+        name: ", ".join(f"{gain} {value:.6g}" for gain, value in gains.items()) for name, gains in by_input.items()
+    }
+    difference = "" if stick is None else f"; K_P differs by {100 * stick:.1f} %"
+    return [f"VRFT on commands: {texts['command']}; on motor positions: {texts['motor']}{difference}"]
 
 
 def _overshoot(fit: VrftFit) -> float:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from forcectl.interrupts import for_this_process_alone
+from forcectl.interrupts import interrupts_deferred
 
 MOST_MEMORY = 1.5e9  # [B] of a process, after which it is replaced: Drake 1.51 keeps every system written in Python
 GRACE = 5.0  # [s] after its timeout in which a task may end by itself
@@ -89,12 +89,12 @@ class Workers:
         task = worker.task
         try:
             if worker.pipe.poll():
-                told = worker.pipe.recv()
-                if told == _BEGUN:
+                message = worker.pipe.recv()
+                if message == _BEGUN:
                     if self._timeout is not None:
                         worker.deadline = time.monotonic() + self._timeout + GRACE
                     return None
-                result, memory = told
+                result, memory = message
                 worker.task, worker.deadline = None, float("inf")
                 if memory > MOST_MEMORY:
                     self._end(worker)
@@ -164,7 +164,7 @@ def starting_workers() -> Iterator[None]:
     added = [name for name in names if name not in os.environ]
     os.environ.update(dict.fromkeys(added, "1"))
     try:
-        with for_this_process_alone():
+        with interrupts_deferred():
             yield
     finally:
         for name in added:

@@ -140,6 +140,6 @@ def _parts(tree: Tree) -> Iterable[tuple[Any, Tree]]:
     return enumerate(tree) if isinstance(tree, list) else ()
 
 
-def said(code: dict[str, str]) -> list[str]:
+def code_lines(code: dict[str, str]) -> list[str]:
     """Messages about code that a scenario runs and that is not forcectl's."""
     return [f"runs code that is not forcectl's own: {path}{f' ({key})' if key else ''}" for key, path in code.items()]

@@ -99,8 +99,8 @@ def _object(cls: Any, found: Schema, title: str = "") -> Schema:
     """The schema of a configuration. No key is required, as a preset or a default may give it."""
     keys = {field.name: _field(field, kind, found) for field, kind in typed_fields(cls)}
     text = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
-    told = {"title": title or cls.__name__, "description": text}
-    return told | {"type": "object", "properties": keys, "additionalProperties": False}
+    schema = {"title": title or cls.__name__, "description": text}
+    return schema | {"type": "object", "properties": keys, "additionalProperties": False}
 
 
 def _field(field: dataclasses.Field[Any], kind: Any, found: Schema) -> Schema:
@@ -108,11 +108,11 @@ def _field(field: dataclasses.Field[Any], kind: Any, found: Schema) -> Schema:
     unit = f" [{declared.unit}]" if declared.unit else ""
     bounds = declared.allowed() if is_number(kind) else declared.bounds
     text = f"{declared.meaning}{unit}{', ' if bounds else ''}{bounds}".strip()
-    told: Schema = {"description": text} if text else {}
+    schema: Schema = {"description": text} if text else {}
     default = default_value(field)
     if default is not REQUIRED and not (isinstance(default, float) and math.isinf(default)):
-        told["default"] = default
-    return told | _value(kind, declared, found)
+        schema["default"] = default
+    return schema | _value(kind, declared, found)
 
 
 def _list(items: Schema, size: int | None = None) -> Schema:

@@ -161,8 +161,8 @@ class Scenario(Config):
         for one in findings:
             if not isinstance(one, RunFinding):
                 raise RunFailedError(f"analyses: findings must be a list of RunFinding, not of {type(one).__name__}")
-        said = [one for one in findings if one.kind not in self.findings.ignore]
-        return sorted(said, key=lambda one: (-one.severity, math.inf if one.time is None else one.time))
+        kept = [one for one in findings if one.kind not in self.findings.ignore]
+        return sorted(kept, key=lambda one: (-one.severity, math.inf if one.time is None else one.time))
 
     def figures(
         self, log: xr.Dataset, title: str, findings: Mapping[str, Sequence[RunFinding]] | None = None

@@ -72,7 +72,7 @@ class DaskEngine:
     def _check_workers(self, results: Results, address: str) -> None:
         mine = versions()
         try:
-            told = self._client.run(_told, str(results.folder))
+            states = self._client.run(_worker_state, str(results.folder))
         except OSError as error:
             raise BadInputError(
                 f"--scheduler {address!r}: a worker disconnected, try again: {one_line(error)}"
@@ -81,9 +81,9 @@ class DaskEngine:
             raise BadInputError(
                 f"--scheduler {address!r}: its workers cannot run forcectl: {one_line(error)}"
             ) from None
-        if not told:
+        if not states:
             raise BadInputError(f"--scheduler {address!r} has no workers: start some with `dask worker {address}`")
-        for worker, (others, seen) in told.items():
+        for worker, (others, seen) in states.items():
             if others != mine:
                 theirs = ", ".join(f"{k} {others.get(k)}" for k in mine if others.get(k) != mine[k])
                 raise BadInputError(
@@ -138,14 +138,14 @@ class DaskEngine:
             task, future = self._ended.get(timeout=0.5)
             while True:
                 self._futures.pop(task, None)
-                found.append(self._told(task, future))
+                found.append(self._ended_task(task, future))
                 task, future = self._ended.get_nowait()
         except queue.Empty:
             if self._client.status != "running":
                 raise RunFailedError(_GONE) from None
         return found
 
-    def _told(self, task: Task, future: Any) -> EndedTask:
+    def _ended_task(self, task: Task, future: Any) -> EndedTask:
         with self._scheduler_there(), contextlib.suppress(CancelledError):
             if future.status == "finished":
                 return EndedTask(task, future.result())
@@ -173,7 +173,7 @@ class DaskEngine:
             raise RunFailedError(reason) from error
 
 
-def _told(folder: str) -> tuple[dict[str, str], bool]:
+def _worker_state(folder: str) -> tuple[dict[str, str], bool]:
     """On a worker: its versions, and whether it sees the results directory."""
     return versions(), Path(folder).is_dir()
 

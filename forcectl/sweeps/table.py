@@ -79,15 +79,15 @@ def trials_table(
         unfinished[marks.get(number)] if row is None else row["state"]
         for number, row in zip(frame["trial"], found, strict=True)
     ]
-    told: list[Mapping[str, Any]] = [row or {} for row in found]
-    frame["success"] = pd.array([row.get("success") for row in told], dtype="boolean")
-    frame["findings"] = [", ".join(row.get("findings", ())) for row in told]
-    frame["reason"] = [row.get("reason", "") for row in told]
-    frame["time_s"] = pd.array([row.get("time_s") for row in told], dtype="Float64").astype("float64")
-    names = {name for row in told for name in row.get("metrics", ())}
+    contents: list[Mapping[str, Any]] = [row or {} for row in found]
+    frame["success"] = pd.array([row.get("success") for row in contents], dtype="boolean")
+    frame["findings"] = [", ".join(row.get("findings", ())) for row in contents]
+    frame["reason"] = [row.get("reason", "") for row in contents]
+    frame["time_s"] = pd.array([row.get("time_s") for row in contents], dtype="Float64").astype("float64")
+    names = {name for row in contents for name in row.get("metrics", ())}
     ordered = [name for name in METRICS if name in names]
     values = {
-        name: [row.get("metrics", {}).get(name) for row in told]
+        name: [row.get("metrics", {}).get(name) for row in contents]
         for name in [*ordered, *sorted(names - set(ordered))]
         if name not in frame
     }

@@ -63,7 +63,7 @@ def run_task(study: Study, results: Results, task: Task, timeout: float | None =
 
 def _run_batch(study: Study, results: Results, trials: Sequence[Trial], timeout: float | None) -> None:
     """Simulate trials as one batch; a trial that cannot be simulated, or stops the others, runs alone."""
-    clock, sound = _Clock(timeout), []
+    clock, valid = _Clock(timeout), []
     for trial in trials:
         try:
             scenario = study.scenario(trial)
@@ -71,21 +71,21 @@ def _run_batch(study: Study, results: Results, trials: Sequence[Trial], timeout:
         except BadInputError:
             _run_alone(study, results, trial, timeout)
         else:
-            sound.append((trial, scenario))
-    if not sound:
+            valid.append((trial, scenario))
+    if not valid:
         return
     try:
-        outcomes = simulate_batch([scenario for _, scenario in sound], study.variant, clock.watch)
+        outcomes = simulate_batch([scenario for _, scenario in valid], study.variant, clock.watch)
     except (Exception, SystemExit):
-        left = [trial for trial, _ in sound]
+        left = [trial for trial, _ in valid]
         if len(left) == 1:
             _run_alone(study, results, left[0], timeout)
         else:
             for half in (left[: len(left) // 2], left[len(left) // 2 :]):
                 _run_batch(study, results, half, timeout)
         return
-    share = clock.cost(len(sound))
-    for (trial, scenario), outcome in zip(sound, outcomes, strict=True):
+    share = clock.cost(len(valid))
+    for (trial, scenario), outcome in zip(valid, outcomes, strict=True):
         row = row_of(study, trial, outcome, outcome.failure or "")
         _keep(study, results, trial.number, outcome, scenario.duration)
         results.write_row(row | {"cost": share})

@@ -161,29 +161,29 @@ class _FaultyPort:
             if fault.start - slack <= time < max(fault.start + fault.duration, fault.start + period / 2) - slack
         )
 
-    def begin_tick(self, active: frozenset[int], context: Context, sound: Context) -> None:
+    def begin_tick(self, active: frozenset[int], context: Context, fault_free: Context) -> None:
         """Choose what happens to the signal from now to the next tick."""
         self._changes = []
         for i in sorted(active):
             fault = self._faults[i]
             part = slice(None) if fault.index is None else slice(fault.index, fault.index + 1)
             if i not in self._at_work:
-                self._at_work[i] = fault.begin(self._value(context, sound)[part])
+                self._at_work[i] = fault.begin(self._value(context, fault_free)[part])
             self._changes.append((part, self._at_work[i]()))
 
-    def apply(self, context: Context, sound: Context) -> None:
+    def apply(self, context: Context, fault_free: Context) -> None:
         """Give the readers the faulty value."""
         if not self._changes:
             return
-        value = self._value(context, sound).copy()
+        value = self._value(context, fault_free).copy()
         for part, change in self._changes:
             value[part] = change(value[part])
         self.always_finite &= bool(np.isfinite(value).all())
         for reader in self._readers:
             reader.FixValue(context_of(reader.get_system(), self._system, context), value)
 
-    def _value(self, context: Context, sound: Context) -> Array:
-        root = sound if self._of_root else context
+    def _value(self, context: Context, fault_free: Context) -> Array:
+        root = fault_free if self._of_root else context
         return self._source.Eval(context_of(self._source.get_system(), self._system, root))
 
 
@@ -226,7 +226,7 @@ class FaultyPorts:
         period: tick of the run [s].
 
     Attributes:
-        sound: a context without faults, for the values of the inputs of the whole diagram.
+        fault_free: a context without faults, for the values of the inputs of the whole diagram.
     """
 
     def __init__(self, system: System, faults: Mapping[str, Fault | Sequence[Fault]], context: Context, period: float):
@@ -234,7 +234,7 @@ class FaultyPorts:
         self._ports = [_FaultyPort(wiring, name, those) for name, those in faults.items()]
         self._period = period
         self._active: list[frozenset[int]] = [frozenset() for _ in self._ports]
-        self.sound = context.Clone()
+        self.fault_free = context.Clone()
 
     @property
     def has_begun(self) -> bool:
@@ -253,17 +253,17 @@ class FaultyPorts:
         begun = any(now - before for before, now in zip(self._active, active, strict=True))
         self._active = active
         if ended:  # a fixed value cannot be removed from a context
-            clean = self.sound.Clone()
+            clean = self.fault_free.Clone()
             clean.SetTimeStateAndParametersFrom(context)
             context = clean
         elif begun:
             context = context.Clone()
         for port, numbers in zip(self._ports, active, strict=True):
-            port.begin_tick(numbers, context, self.sound)
+            port.begin_tick(numbers, context, self.fault_free)
         self.apply(context)
         return context
 
     def apply(self, context: Context) -> None:
         """Give the readers of the faulty ports their faulty values, from the present values."""
         for port in self._ports:
-            port.apply(context, self.sound)
+            port.apply(context, self.fault_free)

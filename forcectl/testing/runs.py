@@ -16,7 +16,7 @@ from pydrake.systems.framework import Context, EventStatus, InputPort, OutputPor
 from forcectl.arrays import Array
 from forcectl.errors import BadInputError, RunFailedError, invalid, unknown
 from forcectl.framework.wiring import optional_inputs
-from forcectl.inspect.names import own_name, said_type
+from forcectl.inspect.names import own_name, type_in_words
 from forcectl.inspect.ports import one_output, unit
 from forcectl.inspect.schedule import instants
 from forcectl.inspect.wiring import PortAddress, Wiring, context_of, is_vector
@@ -92,7 +92,7 @@ def run_diagram(
         RunFailedError: Drake refused to go on, for example with a state that is not a number.
     """
     if not isinstance(system, System):
-        raise BadInputError(f"run_diagram() takes a Drake system, not {said_type(system)}")
+        raise BadInputError(f"run_diagram() takes a Drake system, not {type_in_words(system)}")
     if not period > 0:
         raise invalid("period", period, "positive [s]")
     if not duration >= period:
@@ -112,9 +112,9 @@ def run_diagram(
     with _in_words(lambda: simulator.get_context().get_time()):
         for k in range(steps + 1):
             if k > 0:  # AdvanceTo the time it is at would already carry out the updates of this instant
-                _advance(simulator, system, time[k], wary=not finite)
+                _advance(simulator, system, time[k], may_be_nan=not finite)
             for port, function in fixed:
-                for each in (context, faulty.sound) if faulty else (context,):
+                for each in (context, faulty.fault_free) if faulty else (context,):
                     port.FixValue(each, _vector(port, function(float(time[k]))))
             if faulty and (other := faulty.begin_tick(context)) is not context:
                 context, simulator = other, _simulator(system, other, period, accuracy, begun=True)
@@ -167,12 +167,12 @@ def _carry_out_events(simulator: Simulator) -> None:
     integrator.set_fixed_step_mode(False)
 
 
-def _advance(simulator: Simulator, system: System, time: float, *, wary: bool) -> None:
-    """Advance to `time` [s]; step by step if `wary`, where NaN may be inside.
+def _advance(simulator: Simulator, system: System, time: float, *, may_be_nan: bool) -> None:
+    """Advance to `time` [s]; step by step if `may_be_nan`, where NaN may be inside.
 
     A step whose derivatives are NaN is taken without error control: Drake would reduce its length without end.
     """
-    if not wary:
+    if not may_be_nan:
         simulator.AdvanceTo(time)
         return
     simulator.set_monitor(lambda context: EventStatus.ReachedTermination(system, "one step"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from forcectl.diagrams.fidelities.multibody import MultibodyFidelity
-from forcectl.framework.fields import key_of, knows_batches, typed_fields
+from forcectl.framework.fields import key_of, supports_batches, typed_fields
 from forcectl.framework.yaml_tree import Tagged
 from forcectl.runs.simulate import simulate
 from forcectl.runs.simulate_batch import MOST, batch_size, simulate_batch
@@ -165,7 +165,7 @@ def test_what_is_not_one_dimension_alone_runs_by_itself(changes):
 
 @pytest.mark.parametrize("part", [object(), OwnFidelity(), [OwnFidelity()], {"mine": OwnFidelity()}, len])
 def test_an_object_of_any_other_class_does_not_know_of_batches(part):
-    assert not knows_batches(part)
+    assert not supports_batches(part)
 
 
 def test_a_class_derived_from_one_that_knows_of_batches_does_not():
@@ -174,8 +174,8 @@ def test_a_class_derived_from_one_that_knows_of_batches_does_not():
     class Mine(IntegralConfig):
         pass
 
-    assert knows_batches(IntegralConfig())
-    assert not knows_batches(Mine())
+    assert supports_batches(IntegralConfig())
+    assert not supports_batches(Mine())
 
 
 def test_long_runs_make_small_batches():

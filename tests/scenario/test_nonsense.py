@@ -241,7 +241,7 @@ REFUSED = [
     ("duration: !!bool maybe", "not valid YAML: 'maybe'"),
     # laws
     ("controller: !Approach {threshold: 3000}", "build", "controller.threshold = 3000.0: must be below the sensor's r"),
-    ("controller: !Approach {threshold: 30}", "build", "controller.threshold = 30.0: must be below 30 N, as forces bel"),
+    ("controller: !Approach {threshold: 30}", "build", "controller.threshold = 30.0: must be below 30 N, as forces be"),
     ("controller: !Approach {speed: 0.001, touch_speed: 1}", "controller.touch_speed = 1.0: must be at most speed = 0"),
     ("controller: !Approach {patience: 100, timeout: 1}", "controller.patience = 100.0: must be at most timeout = 1 s"),
     (

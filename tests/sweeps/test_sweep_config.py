@@ -62,7 +62,7 @@ START = 'scenario: fig_2_7\nvariant: "K_I = 1.5 1/s"\noverrides: {station.fideli
         ),
         (START + "share_over: {metric: peak_force_N, condition: peek > 1}", "share_over.condition: unknown metric 'pe"),
         (START + "keys:\n  case: [1]\ncases: {a: {duration: 2}}", "sweep.yaml:5: keys.case cannot be varied: use `cas"),
-        (START + "keys:\n  expect.0.metric: [a, b]", "sweep.yaml:5: keys.expect.0.metric cannot be varied: it does not"),
+        (START + "keys:\n  expect.0.metric: [a, b]", "sweep.yaml:5: keys.expect.0.metric cannot be varied: it does no"),
         (START + "keys: {fidelities: [[]]}", "sweep.yaml:4: keys.fidelities cannot be varied: it does not affect the"),
         (START + "keys: {station..period: [1]}", "sweep.yaml:4: keys = 'station..period': must be a scenario key, suc"),
         (START + "keys: {analyses.x.mode: [a, b]}", "sweep.yaml:4: analyses.x: must have a tag: one of !ForceEst"),

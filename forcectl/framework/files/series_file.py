@@ -46,8 +46,8 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
             pair = (math.nan, math.nan)
         written = row[along] + row[value] if all(map(math.isfinite, pair)) else "_"
         if "_" in written or not written.isascii():  # Python also accepts underscores, and digits of other scripts
-            told = f"{along} = {show(row[along])}, {value} = {show(row[value])}"
-            raise BadInputError(f" = {show(path)} line {number}: {told}: must be finite numbers", key="path")
+            given = f"{along} = {show(row[along])}, {value} = {show(row[value])}"
+            raise BadInputError(f" = {show(path)} line {number}: {given}: must be finite numbers", key="path")
         if rows and not pair[0] > rows[-1][0]:
             last = f"{along} = {pair[0]:g}: must be above the last one, strictly increasing"
             raise BadInputError(f" = {show(path)} line {number}: {last}", key="path")
@@ -76,8 +76,8 @@ def check_steepest(path: str, along: Array, values: Array, steepest: float, *, f
     steep = changes > np.maximum(free, steepest * np.diff(along))
     if steep.any():
         k = int(steep.argmax())
-        told = f"changes by {changes[k]:.3g} m from {along[k]:g} to {along[k + 1]:g}"
-        raise BadInputError(f" = {show(path)} {told}: must be {allowed}", key="path")
+        given = f"changes by {changes[k]:.3g} m from {along[k]:g} to {along[k + 1]:g}"
+        raise BadInputError(f" = {show(path)} {given}: must be {allowed}", key="path")
 
 
 def check_meets(path: str, positions: Array, length: float) -> None:
@@ -93,5 +93,5 @@ def check_meets(path: str, positions: Array, length: float) -> None:
     """
     first, last = positions[0], positions[-1]
     if first >= length or last <= -length:
-        told = f" = {path!r}: positions from {first:g} to {last:g} m"
-        raise BadInputError(f"{told}: must overlap the path, from {-length:g} to {length:g} m", key="path")
+        given = f" = {path!r}: positions from {first:g} to {last:g} m"
+        raise BadInputError(f"{given}: must overlap the path, from {-length:g} to {length:g} m", key="path")

@@ -28,7 +28,7 @@ class ZeroBeforeError(yaml.YAMLError):
         super().__init__(node.value)
         self._node = node
 
-    def told(self, root: yaml.Node | None, origin: str) -> BadInputError:
+    def bad_input(self, root: yaml.Node | None, origin: str) -> BadInputError:
         """The error for the user.
 
         Args:

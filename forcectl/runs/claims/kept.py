@@ -87,7 +87,7 @@ def salvage(results: Path, target: Path) -> Path | None:
     elif found := list(kept(results)):
         from forcectl.runs.logs import stack, write_netcdf
 
-        _say_kept(results, [one.outcome for one in found])
+        _rewrite_records(results, [one.outcome for one in found])
         with contextlib.suppress(OSError):  # on a full disk they remain one by one
             write_netcdf(stack([one.outcome.log for one in found]), results / "log.nc")
     else:
@@ -97,7 +97,7 @@ def salvage(results: Path, target: Path) -> Path | None:
     return results.rename(target)
 
 
-def _say_kept(results: Path, outcomes: Sequence[VariantOutcome]) -> None:
+def _rewrite_records(results: Path, outcomes: Sequence[VariantOutcome]) -> None:
     """Rewrite metrics and manifest for the variants that are there: the process may have ended while writing them."""
     manifest = json.loads((results / "manifest.json").read_text(encoding="utf-8"))
     manifest |= {"failure": f"its process ended {progress(results)}"}

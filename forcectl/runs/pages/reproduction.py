@@ -13,7 +13,7 @@ from rich.text import Text
 from forcectl.runs.claims.lock import writing
 from forcectl.runs.directory import FAILED, REPORT, write_file
 from forcectl.runs.pages.layout import rendered
-from forcectl.runs.terminal.tables import counts, drift, number, published, said, verdict
+from forcectl.runs.terminal.tables import counts, drift, number, published, remarks, verdict
 from forcectl.scenario.expectations import Verdict
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def _row(v: Verdict) -> dict[str, str]:
         "allowed": v.tolerance,
         "verdict": Text.from_markup(verdict(v)).plain,
         "drift": Text.from_markup(drift(v)).plain,
-        "remark": said(v, "; "),
+        "remark": remarks(v, "; "),
         "state": "missed" if v.surprising else "pass" if v.passed else "",
     }
 

@@ -92,9 +92,9 @@ def check_contact(record: Recorded, fit: VrftFit) -> None:
     late = fit.plant.delay * record.period
     early = lead(record)
     if early > 0 or late > _LATEST:
-        told = f"{early:.2g} s before" if early > 0 else f"{late:.2g} s after"
+        when = f"{early:.2g} s before" if early > 0 else f"{late:.2g} s after"
         raise BadInputError(
-            f"{record.origin}: {record.output_name} moves {told} {record.input_name}: must follow within {_LATEST:g} s;"
+            f"{record.origin}: {record.output_name} moves {when} {record.input_name}: must follow within {_LATEST:g} s;"
             " are both of one experiment and one clock, in the order of time?"
         )
 
@@ -162,8 +162,8 @@ def drift(record: Recorded) -> float:
         return 0.0
     rates = np.array([record.later(rest)[1] for rest in rests])
     usual = float(np.median(rates))
-    ways = np.sign(np.diff([record.u[rest.start] for rest in rests]))
-    alike = bool((rates * np.sign(usual) >= _ALIKE * abs(usual)).all()) and ways.min() < 0 < ways.max()
+    directions = np.sign(np.diff([record.u[rest.start] for rest in rests]))
+    alike = bool((rates * np.sign(usual) >= _ALIKE * abs(usual)).all()) and directions.min() < 0 < directions.max()
     much = abs(usual) * record.period * record.u.size > _DRIFT * np.ptp(record.y)
     return usual if alike and much else 0.0
 

@@ -68,7 +68,7 @@ _MOVED = ("default_posture_deg", "characteristic_length", "velocity_limit", "tor
 
 
 @dataclass
-class Understood:
+class LoadedRobot:
     """A robot that could be put into a plant.
 
     Attributes:
@@ -100,7 +100,7 @@ class RobotReport:
 
     folder: Path
     model: Path | None = None
-    robot: Understood | None = None
+    robot: LoadedRobot | None = None
     read: bool = False
     problems: list[str] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
@@ -113,10 +113,10 @@ class RobotReport:
 
     def yaml(self) -> str:
         """The keys that are missing, to be pasted into the control parameters."""
-        guess = "a first guess, to be updated once all problems are corrected; "
-        said = {key: guess * (key in _MOVED and self.robot is None) + _TYPICAL[key] for key in self.missing}
+        guess = "a first guess, until all problems are corrected; "
+        comments = {key: guess * (key in _MOVED and self.robot is None) + _TYPICAL[key] for key in self.missing}
         return "\n".join(
-            f"{value}  # {said[key]}" if "\n" not in value else f"# {said[key]}\n{value}"
+            f"{value}  # {comments[key]}" if "\n" not in value else f"# {comments[key]}\n{value}"
             for key, value in self.missing.items()
         )
 
@@ -221,8 +221,8 @@ def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> Non
                 rest[first][int(entry)] = _within(tree.plant, rest["arm_joints"])[int(entry)]
             elif not _left_out(rest, key):
                 first = ""
-            told = error.at(key, place(origin, keys.lines, key)) if first in keys else error
-            report.problems.append(str(told))
+            located = error.at(key, place(origin, keys.lines, key)) if first in keys else error
+            report.problems.append(str(located))
             if first:
                 wrong |= {first, key}
                 continue
@@ -304,7 +304,7 @@ def _understand(
             check_weight(explorer.plant, parts.instance, parts.parameters, parts.actuators)
     parameters, found = explorer.parts.parameters, explorer.explore(parameters.characteristic_length)
     posture = found.posture if "default_posture_deg" in unknown else parameters.default_posture
-    robot = report.robot = Understood(parameters, explorer, found, posture)
+    robot = report.robot = LoadedRobot(parameters, explorer, found, posture)
     report.missing |= {name: f"{name}: {text}" for name, text in _proposed(robot).items() if name in unknown}
     ignored = [(min(pair), max(pair)) for pair in parameters.ignored_collisions]
     touching = sorted({*found.touching, *explorer.close(posture, TOUCHING)} - set(ignored))
@@ -353,7 +353,7 @@ def _add_arms(report: RobotReport, values: Tagged, tree: ModelTree) -> None:
                 report.missing["flange_turn_deg"] = f"flange_turn_deg: {_list(turn)}"
 
 
-def _proposed(robot: Understood) -> dict[str, str]:
+def _proposed(robot: LoadedRobot) -> dict[str, str]:
     """Proposed values of missing keys, from moving the robot."""
     found, joints = robot.found, robot.explorer.parts.joints
     turns = np.array([isinstance(joint, RevoluteJoint) for joint in joints])

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from forcectl.robot.assumptions import assumed_loop_inertia
 from forcectl.runs.robots.proposal import Explorer
-from forcectl.runs.robots.report import RobotReport, Understood
+from forcectl.runs.robots.report import LoadedRobot, RobotReport
 from forcectl.runs.terminal.listing import new_table
 
 
@@ -38,13 +38,13 @@ def print_robot(report: RobotReport, console: Console) -> None:
     count = (
         f"{len(report.missing)} missing, {found}"
         if report.read
-        else f"{found}; further missing keys are reported once this is corrected"
+        else f"{found}; further missing keys are reported after correction"
     )
     said = "complete" if report.complete else count
     console.print(f"[{'green' if report.complete else 'yellow'}]{escape(str(report.folder))}: {said}[/]")
 
 
-def _joints(robot: Understood, title: str) -> Table:
+def _joints(robot: LoadedRobot, title: str) -> Table:
     table, parts = new_table(escape(title), "joint"), robot.explorer.parts
     table.columns[0].no_wrap = False  # a long name is folded, and no number cut
     given = ("from", "to", "unit", "speed\n[1/s]", "accel.\n[1/s2]", "torque\n[Nm]")
@@ -61,7 +61,7 @@ def _joints(robot: Understood, title: str) -> Table:
     return table
 
 
-def _arms(robot: Understood) -> Table:
+def _arms(robot: LoadedRobot) -> Table:
     table = new_table("Arms", "arm", "joints", "flange", escape("its place at the default posture [m]"), "its z")
     for name, pose in robot.explorer.poses(robot.posture).items():
         arm = robot.explorer.parts.arms[name]
@@ -90,7 +90,7 @@ def _bodies(explorer: Explorer) -> Table:
     return table
 
 
-def _assumed(robot: Understood) -> Table:
+def _assumed(robot: LoadedRobot) -> Table:
     parameters = robot.parameters
     table = new_table("Assumed, because it is left out", "key", "rule", "values")
     for name, rule in parameters.assumed.items():

@@ -106,8 +106,8 @@ def _unreached(metrics: Metrics) -> list[str]:
         if missed:
             how = {arm: values[key] for arm in missed if (key := f"{arm}.stalled") in values}
             words = {arm: " (stalled)" if stalled else " (still moving)" for arm, stalled in how.items()}
-            said = [f"{arm}{words.get(arm, '')}" for arm in sorted(missed)]
-            lines.append(f"{variant}: last target not reached: {', '.join(said)}")
+            arms = [f"{arm}{words.get(arm, '')}" for arm in sorted(missed)]
+            lines.append(f"{variant}: last target not reached: {', '.join(arms)}")
     return lines
 
 
@@ -151,7 +151,7 @@ def verdict_table(verdicts: Sequence[Verdict], title: str = "", width: int = 80)
     for column, least in (("allowed", 12), ("verdict", 8), ("drift", 10)):
         table.add_column(column, min_width=least)
     for v in verdicts:
-        words = said(v, "\n")
+        words = remarks(v, "\n")
         note = f"\n[dim]{escape(words)}[/]" if words else ""
         deviation = "" if v.deviation is None else number(v.deviation)
         cells = (published(v), number(v.ours), deviation, v.unit, v.tolerance)
@@ -161,15 +161,15 @@ def verdict_table(verdicts: Sequence[Verdict], title: str = "", width: int = 80)
 
 def in_words(v: Verdict) -> str:
     """Target, our number, tolerance, published value and drift, as one line of text."""
-    told = [part for part in (v.tolerance, f"published: {published(v)}") if part]
+    parts = [part for part in (v.tolerance, f"published: {published(v)}") if part]
     if v.drifted:
-        told.append(f"drifted from {number(v.expected)}")
+        parts.append(f"drifted from {number(v.expected)}")
     ours = f"{number(v.ours)} {v.unit}".rstrip() if v.ours is not None else number(None)
-    words = said(v, "; ")
-    return f"{v.target}: {ours} ({'; '.join(told)}){f': {words}' if words else ''}"
+    words = remarks(v, "; ")
+    return f"{v.target}: {ours} ({'; '.join(parts)}){f': {words}' if words else ''}"
 
 
-def said(v: Verdict, between: str) -> str:
+def remarks(v: Verdict, between: str) -> str:
     """Remarks on a verdict: its note, and the reason of its known gap, or that the gap is out of date."""
     begin = "met, so that its known gap is out of date" if v.stale else "met at its bound" if v.passed else "known gap"
     gap = f"{begin}: {v.gap}" if v.gap and v.passed is not None else ""

@@ -28,7 +28,7 @@ _RATES = (
 _FAR = 10.0  # multiple of the motor torque from which on a load is taken for an error of the unit
 _LEAST_SHARE = 0.1  # smallest upper_force of a governor over the desired force; less is an error of the unit
 _DEEPEST = 0.3  # [m] displacement into the surface; most laws stop at 0.1, which is a finding of the run
-_LEAST_WAY = 0.01  # smallest command limit over the displacement needed; less is an error of the unit
+_LEAST_LIMIT = 0.01  # smallest command limit over the displacement needed; less is an error of the unit
 
 
 def check_forces(scenario: Scenario, period: float) -> None:
@@ -134,7 +134,7 @@ def _check_reach(scenario: Scenario) -> None:
             raise invalid(key, value, f"below -{gap:g} m, where the surface is")
 
 
-def check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
+def check_displacement(scenario: Scenario, contacts: Sequence[Contact]) -> None:
     """Refuse a desired force whose displacement into the softest material exceeds the limit of the command.
 
     Limits below `_DEEPEST` count as `_DEEPEST`: they may be set on purpose. Of several laws the largest limit counts.
@@ -148,7 +148,7 @@ def check_way(scenario: Scenario, contacts: Sequence[Contact]) -> None:
     compliance = max(
         (float(contact.robot_compliance + contact.environment_compliance) for contact in contacts), default=0
     )
-    if max(limits) < (least := _LEAST_WAY * largest * compliance):
+    if max(limits) < (least := _LEAST_LIMIT * largest * compliance):
         key, value = next((key, value) for key, field, value in every if field.name == "lower_limit")
         allowed = f"at most {-least:.2g} m, a hundredth of the displacement at the largest desired force, {largest:g} N"
         raise invalid(key, value, allowed)

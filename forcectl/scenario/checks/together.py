@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from forcectl.analysis.slot import check_fits
 from forcectl.errors import BadInputError, check_distinct, invalid
 from forcectl.scenario.checks.effects import check_effects
-from forcectl.scenario.checks.forces import check_forces, check_held, check_way
+from forcectl.scenario.checks.forces import check_displacement, check_forces, check_held
 from forcectl.scenario.checks.judged import check_expectations
 from forcectl.scenario.checks.surfaces import check_directions, check_sides, check_surfaces
 from forcectl.scenario.checks.times import check_frequencies, check_times
@@ -67,7 +67,7 @@ def check_built(scenario: Scenario, loop: Loop) -> None:
                 apart = f"at least a control tick of {loop.workcell.period:g} s after {one:g}"
                 raise invalid(f"reference.times.{i}", other, apart)
         check_forces(scenario, loop.workcell.period)
-        check_way(scenario, loop.workcell.contacts)
+        check_displacement(scenario, loop.workcell.contacts)
         check_sides(scenario, loop.workcell)
     check_distinct("log", scenario.log)
     for i, name in enumerate(scenario.log):

@@ -67,9 +67,9 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
         if materials is not None and len(materials.segments) == 1:
             lines += _unused(materials, f"{key}.surface.materials", ("blend",), "there is one segment")
         if materials is not None and hasattr(scenario.motion, "distance_after"):
-            way = scenario.motion.distance_after(scenario.duration if scenario.as_written else math.inf)
-            way *= float(unit_normal(scenario.motion.direction) @ unit_normal(surface.direction))
-            unmet = materials.unmet(*sorted((0.0, way)))
+            distance = scenario.motion.distance_after(scenario.duration if scenario.as_written else math.inf)
+            distance *= float(unit_normal(scenario.motion.direction) @ unit_normal(surface.direction))
+            unmet = materials.unmet(*sorted((0.0, distance)))
             lines += [f"{key}.surface.materials.segments.{i} has no effect: {why}" for i, why in unmet]
     usual_reference = next(default_of(field) for field in fields(scenario) if field.name == "reference")
     if "desired_force" not in signals and scenario.reference != usual_reference:

@@ -106,8 +106,8 @@ def _stiffer(factor: float) -> Callable[[Scenario, float], Changes | str]:
         if not surfaces or any(part.surface.materials is not None for part in surfaces.values()):
             return "no surface of one stiffness"
         found: Changes = {f"{key}.stiffness": factor * part.stiffness for key, part in surfaces.items()}
-        told = np.asarray(scenario.model.environment_compliance) * factor
-        return found | {"model.environment_compliance": told.tolist()}
+        compliance = np.asarray(scenario.model.environment_compliance) * factor
+        return found | {"model.environment_compliance": compliance.tolist()}
 
     return change
 

@@ -315,13 +315,10 @@ def test_what_is_missing_is_counted_though_the_robot_cannot_be_used(tmp_path, fo
     report = examine_robot(folder)
     assert report.robot is None
     assert "period" in report.missing
-    assert (
-        "default_posture_deg: [0, 0, 0]  # a first guess, to be updated once all problems are corrected; far"
-        in report.yaml()
-    )
+    assert "default_posture_deg: [0, 0, 0]  # a first guess, until all problems are corrected; far" in report.yaml()
     urdf.write_text("<robot")
     _, out, _ = forcectl("robot", "robot")
-    assert "robot: 1 problem; further missing keys are reported once this is corrected" in out
+    assert "robot: 1 problem; further missing keys are reported after correction" in out
 
 
 def test_limits_that_no_mujoco_file_gives_are_missing(tmp_path):
