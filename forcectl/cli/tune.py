@@ -28,7 +28,7 @@ def vrft(
             help="PID (4.3.3), PID (4.20), both with :pi without K_D, or N FIR coefficients.",
         ),
     ] = "continuous",
-    prefilter: Annotated[bool, typer.Option(help="Filter with L = M (1 - M); without, noise biases strongly.")] = True,
+    prefilter: Annotated[bool, typer.Option(help="Filter with L = M (1 - M); else noise biases the gains.")] = True,
     refine: Annotated[
         bool, typer.Option(help="Improve the gains on a plant model, where it fits DATA well enough.")
     ] = True,
@@ -52,7 +52,7 @@ def vrft(
         str,
         typer.Option(
             metavar="command|motor",
-            help="What VRFT takes for the input: the command, or motor positions, which friction does not spoil.",
+            help="Input signal of VRFT: the command, or motor positions, which friction does not disturb.",
         ),
     ] = "command",
     robot_compliance: Annotated[
