@@ -43,10 +43,10 @@ def test_a_fault_while_fetching_ends_in_a_named_failure(fault: str) -> None:
 def test_the_mouth_of_a_body_beside_its_place_is_found(seed: int) -> None:
     """The seed draws the direction. Pressed on the rim all along, tip and rim hold each other in both."""
     beside = {f"{PARTS}.tube.misplaced.offset": 0.013, f"{PARTS}.tube.misplaced.tilt_deg": 5.0}
-    found = {"controller.modes.search_bore.exits.2.to": "assembled"}  # ends there
-    short = {"duration": 15.0, "after_end": 0.0, "expect": []}
+    found = {"controller.modes.other_side.exits.2.to": "assembled"}  # ends there
+    short = {"duration": 16.5, "after_end": 0.0, "expect": []}
     log = fc.run("pipette", variant="6 mm, 10 degrees", seed=seed, overrides=beside | found | short).log
     way = [stay.mode for stay in stays(log)]
-    expected = ["approach", "taring", "compliant", "align", "withdraw", "search_bore", "assembled"]
-    assert way[way.index("approach") :] == expected
+    expected = ["compliant", "align", "withdraw", "search_bore", "entered", "one_side", "other_side", "assembled"]
+    assert way[way.index("compliant") :] == expected
     assert float(log["arm_contact_force"].max()) < 18.0
