@@ -155,7 +155,7 @@ def test_what_is_blocked_turns_back_at_once(comply):
 
 def test_nothing_complies_without_forces():
     assert not motion({"z": {"velocity": -0.05}}, forces=False).HasInputPort("estimated_wrench")
-    with pytest.raises(BadInputError, match="without forces along the tasks"):
+    with pytest.raises(BadInputError, match="must be false unless the forces along the tasks are given"):
         motion(INSERT, forces=False)
 
 
