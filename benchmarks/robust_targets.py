@@ -1,7 +1,7 @@
 """Which targets of Chapters 2 to 4 still hold with other seeds and postures, and with each plant parameter 20 % off.
 
     python benchmarks/robust_targets.py --run                          on the one-dimensional plant, five minutes
-    python benchmarks/robust_targets.py --run --fidelity Multibody     with three other postures, two hours
+    python benchmarks/robust_targets.py --run --fidelity Multibody     with three other postures, five hours
     python benchmarks/robust_targets.py --run --only seed table_4_2    some of the changes, on some experiments
 
 Every line of `expect` is judged within its own tolerance; gains are found on the changed plant (`gains_from`). Prints a
