@@ -47,7 +47,7 @@ class ExcitedCompliance(SampledBatch):
 
     Parameters (Context, shape (n,)): bandwidth w_c of M [rad/s] > 0 and drift_bandwidth w_h [rad/s] > 0, both below
     1/period; robot_compliance C_R_hat [m/N] >= 0; surface_deviation [m] > 0, standard deviation of what the surface
-    adds to dx within 1/w_h, which gives R; memory T [s] > 0. Guards: samples count only while |z| is at least
+    adds to dx within 1/w_h, which gives R; memory T [s] > 0. Guards: samples count only while `|z|` is at least
     minimum_excitation [N] >= 0, and from 1/w_h after the force has risen above minimum_force [N] >= 0. The error is
     limited to largest_change [1] > 0 times z C_E. C_E_hat stays within the factor range [1] >= 1 of the initial one,
     and its relative change is at most rate [1/s] > 0.

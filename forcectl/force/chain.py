@@ -4,7 +4,7 @@
 
 It is stable when all its eigenvalues are inside the unit circle. The conditions (6.7) are those of the admittance
 alone, without the lag of sensor and drive: loops that meet them may be unstable. The stability margins of stiffness and
-gain come from eigenvalues, those of phase and delay from the frequency response L of the open loop, where |L| = 1.
+gain come from eigenvalues, those of phase and delay from the frequency response L of the open loop, where `|L|` = 1.
 
 Not modelled are friction, quantisation, limits and contact loss, which do not act on small motions or damp them, and
 the inertia of the links behind elastic joints.
@@ -40,7 +40,7 @@ class Margins:
         gain: gain margin, the largest factor of the loop gain with which the loop is stable; 0 if there is none [1].
         phase: phase margin [deg]; NaN of an unstable loop.
         delay: delay margin, the largest additional delay [s]; NaN of an unstable loop.
-        crossover: frequency of the delay margin [Hz]; NaN of an unstable loop, and where |L| is never 1.
+        crossover: frequency of the delay margin [Hz]; NaN of an unstable loop, and where `|L|` is never 1.
     """
 
     stable: bool

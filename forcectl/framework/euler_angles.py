@@ -7,7 +7,7 @@
         [0  sin phi   cos phi cos theta]            [0  -sin phi/cos theta    cos phi/cos theta]
 
 w is the angular velocity in the frame that R is expressed in. phi and theta alone give the direction of the z axis. The
-angles are singular where cos theta = 0: z along x. There 1/cos theta is unbounded. For |cos theta| < e
+angles are singular where cos theta = 0: z along x. There 1/cos theta is unbounded. For `|cos theta|` < e
 it is replaced by
 
     1/cos theta  ->  cos theta/e^2
@@ -99,7 +99,7 @@ class EulerAngles:
     Args:
         base: R_0 (3, 3), for the angles of R_0' R; None: the identity. It moves the singularity away from the task.
         about: angles (3,) [rad] that the values are nearest to, see `nearest`; None: the usual range.
-        smallest: e, |cos theta| below which the rates are damped [1].
+        smallest: e, `|cos theta|` below which the rates are damped [1].
 
     Attributes:
         periodic: True: adding 2 pi to an angle does not change the orientation.

@@ -92,7 +92,7 @@ def to_dataset(
     Args:
         times: of the samples, (k,) [s].
         values: samples, (n, k).
-        signals: `LoggedSignal`s by name.
+        signals: by name, each a `LoggedSignal`.
         variant: name of the variant.
         model_bandwidth: of the reference model [rad/s]; adds its response `model_force` [N].
         derived: further signals by name.
