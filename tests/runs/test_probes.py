@@ -52,7 +52,7 @@ def test_the_file_says_what_it_is_and_is_the_same_for_the_same_run(tmp_path, wit
     assert (log.attrs["seed"], log.attrs["fidelity"]) == (7, "Kinematic")
     assert log.attrs["forcectl_version"] in log.attrs["source"]
     assert log.attrs["history"] == "forcectl run scenario, fidelity Kinematic, seed 7"
-    assert log["contact_force"].attrs["comment"].startswith("force of each surface on the tool")
+    assert log["contact_force"].attrs["comment"].startswith("true force of each surface on the tool")
     assert (tmp_path / "one/log.nc").read_bytes() == (tmp_path / "two/log.nc").read_bytes()
 
 
