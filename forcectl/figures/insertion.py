@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
 
 from forcectl.figures.force import COLOURS, stacked
 
-_ROWS = ("force along the bore [N]", "force across it [N]", "speed [m/s]", "depth [mm]", "tilt [deg]")
+_NAME_SIZE = 7  # of the modes [pt]
+_ROWS = ("force along the bore [N]", "force across the bore [N]", "speed [m/s]", "depth [mm]", "tilt [deg]")
 
 
 def insertion_figure(
@@ -44,18 +47,29 @@ def insertion_figure(
     tilt.plot(time, np.degrees(truth.tilt), color=COLOURS[0], lw=1.5)
     along.legend(frameon=False, fontsize=8, loc="upper left")
     for axes, label in zip(rows, _ROWS, strict=True):
-        axes.set_ylabel(label, fontsize=9)
+        axes.set_ylabel(label, fontsize=8)
         for stay in stays[1:]:
             axes.axvline(stay.begin, color="0.6", lw=0.7, zorder=0)
-    # Four heights, so that the names of short stays do not overlap.
-    for k, stay in enumerate(stays):
-        along.annotate(
-            stay.mode,
-            (stay.begin, 1.0),
-            (1, 3 + 9 * (k % 4)),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            fontsize=7,
-        )
+    _name_modes(along, stays)
     rows[-1].set_xlabel("time [s]; vertical lines: transitions")
     return figure
+
+
+def _name_modes(axes: Axes, stays: Sequence[Any]) -> None:
+    """Names above the axes where the stays begin, each at the lowest height at which it overlaps none before it."""
+    begin, end = axes.get_xlim()
+    per_second = 72.0 * axes.bbox.width / axes.figure.dpi / (end - begin)  # [pt/s]
+    ends: list[float] = []  # of the last name at each height [pt]
+    for stay in stays:
+        x = per_second * stay.begin
+        height = next((k for k, taken in enumerate(ends) if taken < x), len(ends))
+        width = TextPath((0.0, 0.0), stay.mode, size=_NAME_SIZE).get_extents().width
+        ends[height : height + 1] = [x + width + 4.0]
+        axes.annotate(
+            stay.mode,
+            (stay.begin, 1.0),
+            (1, 3 + 9 * height),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            fontsize=_NAME_SIZE,
+        )

@@ -35,7 +35,7 @@ def transition_figure(runs: Mapping[str, Sequence[Any]], modes: Sequence[str], t
             if stay.value is not None:
                 late = stay.begin > stays[0].begin + 0.85 * whole
                 axes.annotate(
-                    f"{stay.value:.3g}",
+                    f"{round(stay.value, 9):.3g}",  # no 3e-34 of what has come to rest
                     (stay.begin, row),
                     (-4 if late else 4, 0),
                     textcoords="offset points",
