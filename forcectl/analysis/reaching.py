@@ -42,7 +42,7 @@ class ReachAnalysis(Config):
         4,
         "number of ticks from one posture whose distances and reflected masses are computed to the next",
         unit="ticks",
-        bounds="at least 1",
+        bounds="from 1 to 1000",
     )
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:

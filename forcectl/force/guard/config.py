@@ -61,7 +61,8 @@ class GuardConfig(Config):
     )
     slow_speed: float = key(
         0.02,
-        "initial speed into the surface at which the guarded command catches up with the controller's",
+        "initial speed into the surface at which the guarded command catches up with the controller's; joint commands "
+        "catch up at the same number in rad/s",
         unit="m/s",
         bounds="from 1e-06 to 1",
     )
