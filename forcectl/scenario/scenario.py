@@ -208,11 +208,11 @@ def load_scenario(
     fidelity: str | None = None,
     allow_imports: Sequence[str] = (),
 ) -> Scenario:
-    """Load one complete scenario.
+    """Load one complete scenario, which has no other variants.
 
     Args:
         scenario: name of a shipped experiment, path of a YAML file, the same content as a mapping, or a `Scenario`.
-        variant: name of the variant; None: the first.
+        variant: name of the variant, which it keeps; None: the first. Lines of `expect` about others are left out.
         overrides: dotted key -> value, stronger than all other layers; a value may be a config object.
         seed: shorthand for an override of `seed`.
         fidelity: shorthand for an override of `station.fidelity`.
@@ -221,7 +221,13 @@ def load_scenario(
     Raises:
         BadInputError: something in it cannot be used.
     """
-    return _loaded(as_file(scenario, allow_imports), variant, with_shortcuts(overrides, seed, fidelity))[0]
+    file = as_file(scenario, allow_imports)
+    loaded, _ = _loaded(file, variant, with_shortcuts(overrides, seed, fidelity))
+    names = select_variants(file)
+    name = select_variants(file, variant)[0]
+    loaded.variants = {} if name == ONLY_VARIANT else {name: {}}
+    loaded.expect = [line for line in loaded.expect if {*line.variants(names).values()} == {name}]
+    return loaded
 
 
 def _loaded(
