@@ -30,7 +30,7 @@ from forcectl.runs.result import StoppedRunError
 from forcectl.runs.run import finish, keep_variant, verdicts_on
 from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.runs.stored import read_run
-from forcectl.runs.workers import EndedTask, Workers
+from forcectl.runs.workers import EndedTask, Workers, check_can_be_sent
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict
 from forcectl.scenario.scenario import ONE_SCENARIO, Named, as_file, build, origins, resolve
@@ -64,7 +64,7 @@ class PartReport:
     metrics: dict[str, dict[str, float | None]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Reproduction:
     """All experiments, judged.
 
@@ -81,6 +81,11 @@ class Reproduction:
     def passed(self) -> bool:
         """Whether only known gaps are missed, all of them are, and no value has drifted from its expected number."""
         return not any(v.surprising or v.stale or v.drifted for part in self.parts for v in part.verdicts)
+
+    def __repr__(self) -> str:
+        judged = [v.passed for part in self.parts for v in part.verdicts if v.passed is not None]
+        place = f" in {self.directory}" if self.directory else ""
+        return f"<reproduction of {len(self.parts)} runs: {sum(judged)} of {len(judged)} targets met{place}>"
 
     def summary(self) -> dict[str, dict[str, dict[str, object]]]:
         """The content of `summary.json`."""
@@ -133,6 +138,7 @@ def reproduce(
     parts = [part for file in files for part in _parts(file, variant, overrides, seed, fidelity)]
     if resume and (out is None or isinstance(out, Numbered)):
         raise BadInputError("resume: goes with the directory of a reproduction that was stopped")
+    check_can_be_sent([(part.chosen.file, part.chosen.changes) for part in parts], "or run it with fc.run")
     work = None
     with contextlib.ExitStack() as stack:
         try:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import multiprocessing
 import os
+import pickle
 import resource
 import sys
 import threading
@@ -12,8 +14,11 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
+from multiprocessing.reduction import ForkingPickler
+from types import FunctionType
 from typing import Any
 
+from forcectl.errors import BadInputError, one_line
 from forcectl.interrupts import interrupts_deferred
 
 MOST_MEMORY = 1.5e9  # [B] of a process, after which it is replaced: Drake 1.51 keeps every system written in Python
@@ -135,6 +140,40 @@ class Workers:
         worker.process.join()
         worker.process.close()
         worker.pipe.close()
+
+
+def check_can_be_sent(objects: Any, otherwise: str) -> None:
+    """Refuse objects that processes of `Workers` cannot read, before any is started.
+
+    Args:
+        objects: anything.
+        otherwise: what can be done instead of writing a class into a module, for the message.
+
+    Raises:
+        BadInputError: a class or a function in them is defined in a notebook or at a prompt; or they cannot be pickled.
+    """
+    try:
+        _Pickler(io.BytesIO(), otherwise).dump(objects)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise BadInputError(f"cannot be sent to worker processes: {one_line(error)}; {otherwise}") from error
+
+
+class _Pickler(ForkingPickler):
+    """Finds what is defined in a program that other processes cannot import: it was not read from a file."""
+
+    def __init__(self, file: io.BytesIO, otherwise: str):
+        super().__init__(file)
+        main = sys.modules["__main__"]
+        self._otherwise = otherwise
+        self._unreadable = main.__spec__ is None and getattr(main, "__file__", None) is None
+
+    def reducer_override(self, found: Any) -> Any:
+        if self._unreadable and isinstance(found, type | FunctionType) and found.__module__ == "__main__":
+            raise BadInputError(
+                f"{found.__qualname__} is defined in a notebook or at a prompt, where worker processes cannot import "
+                f"it: write it into a module, such as {found.__qualname__.lower()}.py, and import it; {self._otherwise}"
+            )
+        return NotImplemented
 
 
 def _work(pipe: Connection) -> None:

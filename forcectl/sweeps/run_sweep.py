@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import html
 import os
 import shutil
 import tempfile
@@ -17,6 +18,7 @@ from forcectl.framework.expression import Expression
 from forcectl.runs.claims.claim import write_whole
 from forcectl.runs.claims.lock import StorageError, locked, writing
 from forcectl.runs.directory import git_state, write_json
+from forcectl.runs.workers import check_can_be_sent
 from forcectl.scenario.scenario import as_file
 from forcectl.sweeps.agenda import Agenda
 from forcectl.sweeps.at_work import SweepProgress, SweepRun, engine_of
@@ -48,7 +50,7 @@ if TYPE_CHECKING:
 ENGINES = ("processes", "sequential")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SweepResult:
     """A finished sweep.
 
@@ -65,6 +67,15 @@ class SweepResult:
     def count(self, state: str) -> int:
         """How many trials are in a state: "done", "failed", "lost" or "pending"."""
         return int((self.table["state"] == state).sum())
+
+    def __repr__(self) -> str:
+        states = [f"{n} {state}" for state, n in self.table["state"].value_counts().items()]
+        place = [f"in {self.directory}"] if self.directory else []
+        return f"<sweep of {len(self.table)} trials: {', '.join([*states, *place])}>"
+
+    def _repr_html_(self) -> str:
+        notes = "".join(f"<li>{html.escape(note)}</li>" for note in self.notes)
+        return f"<p>{html.escape(repr(self))}</p>{self.table.to_html(max_rows=20)}<ul>{notes}</ul>"
 
 
 def sweep(
@@ -119,6 +130,7 @@ def sweep(
         raise BadInputError("retry failed: goes with resume, of a sweep that was run")
     file, folder = _given(sweep, out, resume)
     part = None if shard is None else _shard(*shard)
+    sent = engine == "processes" and scheduler is None
     with contextlib.ExitStack() as stack:
         if folder is None:
             if resume:
@@ -127,12 +139,12 @@ def sweep(
         if os.path.exists(folder):
             _refuse_begun(folder, resume)
             stack.enter_context(locked(folder))
-            study = study_of(file, allow_imports)
+            study = _study(file, allow_imports, sent)
             part = _same(study, folder, part)
         else:
             if resume:
                 raise BadInputError(f"results directory {str(folder)!r} does not exist: run the sweep without resume")
-            study, part = study_of(file, allow_imports), part or (0, 1)
+            study, part = _study(file, allow_imports, sent), part or (0, 1)
             begin(study, folder, part)
             stack.enter_context(locked(folder))
         results = Results(folder, study.digest())
@@ -179,7 +191,9 @@ def _given(sweep: Any, out: str | Path | None, resume: bool) -> tuple[SweepFile,
     folder = None if out is None else Path(os.path.expanduser(out))
     if isinstance(sweep, str | Path) and os.path.isfile(Path(os.path.expanduser(sweep)) / IDENTITY):
         if not resume:
-            raise BadInputError(f"{str(sweep)!r} is the directory of a sweep: add --resume to go on with it")
+            raise BadInputError(
+                f"{str(sweep)!r} is the directory of a sweep: add --resume (resume=True) to go on with it"
+            )
         if folder is not None and folder.resolve() != Path(os.path.expanduser(sweep)).resolve():
             raise BadInputError(f"--out {str(out)!r}: must be left out when the directory to go on with is named")
         folder = Path(os.path.expanduser(sweep))
@@ -205,6 +219,14 @@ def stored(folder: Path, sweep: Any = None) -> SweepFile:
     config = read_sweep(folder / SWEEP).config
     config.scenario = replace(as_file(config.scenario), name=identity["scenario"], folder=Path.cwd())
     return SweepFile(identity["name"], config, SWEEP, {})
+
+
+def _study(file: SweepFile, allow_imports: Sequence[str], sent: bool) -> Study:
+    """The plan of a sweep; `sent`: refused if worker processes cannot read it."""
+    study = study_of(file, allow_imports)
+    if sent:
+        check_can_be_sent(study, "or take engine='sequential'")
+    return study
 
 
 def _shard(number: int, count: int) -> tuple[int, int]:
@@ -255,7 +277,9 @@ def _refuse_begun(folder: Path, resume: bool) -> None:
     if resume:
         identity_of(folder)
     elif os.path.isfile(folder / IDENTITY):
-        raise BadInputError(f"results directory {str(folder)!r} exists: add --resume to go on, or name another one")
+        raise BadInputError(
+            f"results directory {str(folder)!r} exists: add --resume (resume=True) to go on, or name another one"
+        )
     else:
         raise BadInputError(f"output {str(folder)!r} exists: name another directory")
 

@@ -203,6 +203,8 @@ def test_results_equal_those_of_a_run_in_this_process(files, warm):
         assert part.metrics[variant] == here[variant]
     assert report.passed is False
     assert set(part.metrics) == {"soft", "stiff"}
+    judged = [v.passed for v in part.verdicts if v.passed is not None]
+    assert repr(report) == f"<reproduction of 1 runs: {sum(judged)} of {len(judged)} targets met>"
 
 
 def test_nothing_is_run_when_one_experiment_is_wrong_or_the_output_exists(files, monkeypatch, capfd):

@@ -106,7 +106,7 @@ def test_going_on_runs_what_is_missing(whole, tmp_path):
 
 
 def test_a_directory_is_not_run_over(whole, tmp_path):
-    with pytest.raises(BadInputError, match="exists: add --resume to go on"):
+    with pytest.raises(BadInputError, match=r"exists: add --resume \(resume=True\) to go on"):
         fc.sweep(small(), out=whole[0])
     with pytest.raises(BadInputError, match="is of another sweep"):
         fc.sweep(small(success="overshoot_pct <= 6"), out=whole[0], resume=True)
@@ -287,7 +287,7 @@ def test_of_two_that_begin_at_the_same_moment_one_is_refused(tmp_path, monkeypat
     begin(study, tmp_path / "out", (0, 1))
     (tmp_path / "out" / "lock").write_text("")
     monkeypatch.setattr("forcectl.runs.claims.claim.check_free", lambda *_: None)
-    with pytest.raises(BadInputError, match="exists: add --resume to go on, or name another one"):
+    with pytest.raises(BadInputError, match=r"exists: add --resume \(resume=True\) to go on, or name another one"):
         begin(study, tmp_path / "out", (0, 1))
     assert (tmp_path / "out" / "lock").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["out"]

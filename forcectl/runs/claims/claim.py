@@ -249,7 +249,7 @@ def check_free(directory: Path, force: bool) -> None:
         return
     if not force:
         raise BadInputError(
-            f"output {str(directory)!r} exists: name another directory or add --force to replace the run in it"
+            f"output {str(directory)!r} exists: name another one, or add --force (force=True) to replace the run in it"
         )
     if not os.path.isdir(directory) or (
         any(directory.iterdir()) and not any((directory / name).is_file() for name in MARKS)
