@@ -120,6 +120,10 @@ class Loop(LoggedLoop):
     station: Diagram
     probes: tuple[Probe, ...] = ()
 
+    def __repr__(self) -> str:
+        blocks = ", ".join(system.get_name() for system in self.diagram.GetSystems())
+        return f"<loop of {blocks}: logs {', '.join(self.signals)}>"
+
     @property
     def workcell(self) -> Workcell:
         """The workcell."""

@@ -16,6 +16,7 @@ from forcectl.diagrams.model import FRICTION_KEYS, Setting
 from forcectl.errors import BadInputError, invalid
 from forcectl.figures.force import frame
 from forcectl.figures.motion import one_variant
+from forcectl.figures.shown import ShownFigure
 from forcectl.framework.fields import Config, key
 from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, friction_torque
 from forcectl.tuning.friction_identification import FrictionFit, friction_samples, identify_friction
@@ -141,7 +142,7 @@ def friction_figure(fit: FrictionFit, joints: Mapping[str, int], title: str = ""
         if not 0 <= k < fit.friction.size:
             raise invalid("joint", k, f"from 0 to {fit.friction.size - 1}")
     count = -(-len(joints) // _COLUMNS)
-    figure = Figure(figsize=(9.0, 0.8 + 2.3 * count), layout="constrained")
+    figure = ShownFigure(figsize=(9.0, 0.8 + 2.3 * count), layout="constrained")
     grid = figure.subplots(count, _COLUMNS, squeeze=False).ravel()
     for axes, (name, k) in zip(grid, joints.items(), strict=False):
         _draw(axes, fit, k, name)

@@ -183,12 +183,12 @@ class _Display:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
         from rich.progress import Progress as Bars
 
-        console = Console(stderr=True)
         self.shown = False
-        self._terminal, self._last, self._started = console.is_terminal, 0.0, time.monotonic()
+        self._terminal, self._last, self._started = sys.stderr.isatty(), 0.0, time.monotonic()
         columns = (MofNCompleteColumn(), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
         text = TextColumn("{task.description}")
-        self._bars = Bars(*columns, text, console=console, transient=True, disable=not self._terminal or self._quiet)
+        disable = not self._terminal or self._quiet  # FORCE_COLOR makes no terminal of a pipe
+        self._bars = Bars(*columns, text, console=Console(stderr=True), transient=True, disable=disable)
         self._task: Any = None
         self._bars.start()
         return self

@@ -49,7 +49,7 @@ def render(report: Report, console: Console, *, verbose: bool = False) -> None:
 
 def as_html(report: Report) -> str:
     """A report as HTML, for a notebook."""
-    console = Console(record=True, file=io.StringIO(), width=_NARROW)
+    console = Console(record=True, file=io.StringIO(), width=_NARROW, force_jupyter=False)
     render(report, console)
     return console.export_html(inline_styles=True, code_format="<pre style='line-height:1.3'>{code}</pre>")
 

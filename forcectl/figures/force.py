@@ -14,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 
+from forcectl.figures.shown import ShownFigure
 from forcectl.figures.targets import GREY, ForceTarget, draw_bands, draw_targets
 
 # Okabe and Ito: distinguishable with any colour vision, and in print.
@@ -200,7 +201,7 @@ def stacked(
         title: above them all.
         ratios: of their heights; None: all alike.
     """
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = ShownFigure(figsize=(width, height), layout="constrained")
     rows = list(figure.subplots(count, sharex=True, squeeze=False, height_ratios=ratios)[:, 0])
     if title:
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)

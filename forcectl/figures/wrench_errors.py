@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from forcectl.arrays import Array
 from forcectl.figures.force import COLOURS, colour_of, frame, plain_names
+from forcectl.figures.shown import ShownFigure
 
 
 def error_figure(errors: Mapping[str, Mapping[str, Array]], title: str = "") -> Figure:
@@ -19,7 +20,7 @@ def error_figure(errors: Mapping[str, Mapping[str, Array]], title: str = "") -> 
         title: heading.
     """
     quantities = list(next(iter(errors.values())))
-    figure = Figure(figsize=(3.6 * len(quantities) + 2.6, 4.2), layout="constrained")
+    figure = ShownFigure(figsize=(3.6 * len(quantities) + 2.6, 4.2), layout="constrained")
     if title:
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)
     shares = np.linspace(1.0, 99.9, 990)

@@ -114,7 +114,7 @@ class RunResult:
         )
         parts += [f"{sum(v.passed is True for v in judged)} of {len(judged)} expectations met"] if judged else []
         parts += [f"in {self.directory}"] if self.directory else []
-        parts += [f"{count} findings" for count in [sum(map(len, self.findings.values()))] if count]
+        parts += [f"{n} finding{'s' * (n != 1)}" for n in [sum(map(len, self.findings.values()))] if n]
         return f"<run of {self.name!r}: {', '.join(parts)}>"
 
     def _repr_html_(self) -> str:

@@ -62,6 +62,14 @@ class Tuned:
     input: str = "command"
     other: VrftFit | None = None
 
+    def __repr__(self) -> str:
+        names, units = self.fit.basis.names, self.fit.basis.units
+        gains = [f"{one} = {gain:.4g} {unit}" for one, gain, unit in zip(names, self.fit.gains, units, strict=True)]
+        parts = gains if self.fit.pid is not None else [f"{len(gains)} FIR coefficients"]
+        warned = [f"{n} warning{'s' * (n != 1)}" for n in [len(self.warnings)] if n]
+        place = [f"in {self.directory}"] if self.directory else []
+        return f"<controller tuned on {self.record.origin!r}: {', '.join([*parts, *warned, *place])}>"
+
     @property
     def bandwidth(self) -> float:
         """Bandwidth of the first-order reference model that was given, or that approximates another one [rad/s]."""

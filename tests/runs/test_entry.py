@@ -9,6 +9,7 @@ import pytest
 import forcectl as fc
 from forcectl.analysis.findings.finding import findings_lines
 from forcectl.figures.force import as_svg
+from forcectl.runs.terminal.tables import as_html, new_table
 
 CHANGES = {"variant": "K_I = 3 1/s", "overrides": {"duration": 0.2}, "seed": 3, "fidelity": "OneDimensional"}
 TREE = {
@@ -125,6 +126,17 @@ def test_a_report_is_one_line_and_tables_in_a_notebook():
     report = fc.check("fig_2_8", fidelity="OneDimensional")
     assert repr(report).startswith("<report on 'loop': 0 error, ")
     assert "Sample periods" in report._repr_html_()
+
+
+def test_tables_are_not_displayed_while_they_are_made_in_a_notebook(monkeypatch):
+    shown = []
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    monkeypatch.setattr("rich.jupyter.display", lambda *parts: shown.append(parts))
+    assert "Sample periods" in fc.check("fig_2_8", fidelity="OneDimensional")._repr_html_()
+    table = new_table("", "metric")
+    table.add_row("peak_force_N")
+    assert "peak_force_N" in as_html([table], 80)
+    assert shown == []
 
 
 def test_the_root_shows_its_public_names_only():

@@ -389,3 +389,11 @@ def test_what_vrft_on_motor_positions_needs_is_said(tmp_path):
     assert known.by_input["motor"]["K_P"] == pytest.approx(known.fit.gains[0])
     with pytest.raises(BadInputError, match="learn_from = 'motors': must be one of command, motor"):
         tune_vrft(file, 1.5, learn_from="motors")
+
+
+def test_a_tuned_controller_shows_itself_in_one_line(tmp_path):
+    tuned = tune_vrft(record_file(tmp_path), 1.5)
+    gains = zip(("K_P", "K_I", "K_D"), tuned.fit.gains, ("m/N", "m/(N s)", "m s/N"), strict=True)
+    shown = ", ".join(f"{name} = {gain:.4g} {unit}" for name, gain, unit in gains)
+    assert repr(tuned).startswith(f"<controller tuned on {tuned.record.origin!r}: {shown}")
+    assert "\n" not in repr(tuned)

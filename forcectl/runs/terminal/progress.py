@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 from rich.console import Console
@@ -11,14 +12,16 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 class ProgressBars:
     """A bar per running job on standard error, removed at the end; none where that is not a terminal.
 
+    FORCE_COLOR, which notebooks set for the commands that they run, makes no terminal of a pipe.
+
     Args:
         quiet: show nothing.
     """
 
     def __init__(self, quiet: bool = False):
-        console = Console(stderr=True)
         columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-        self._bars = Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
+        disable = quiet or not sys.stderr.isatty()
+        self._bars = Progress(*columns, console=Console(stderr=True), transient=True, disable=disable)
         self._tasks: dict[str, Any] = {}
         self._stage: Any = None
 

@@ -195,7 +195,7 @@ def reproduction_lines(parts: Iterable[tuple[str, Sequence[Verdict]]]) -> Table:
 
 def as_html(tables: Iterable[Table], width: int) -> str:
     """Tables as HTML for a notebook, `width` characters wide."""
-    console = Console(record=True, file=io.StringIO(), width=width)
+    console = Console(record=True, file=io.StringIO(), width=width, force_jupyter=False)
     for table in tables:
         console.print(table)
     return console.export_html(inline_styles=True, code_format="<pre style='line-height:1.3'>{code}</pre>")
