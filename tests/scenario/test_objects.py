@@ -361,3 +361,18 @@ def test_an_analysis_that_raises_is_one_line(method, tmp_path, request):
     said = rf"analyses\.mine: {method} raised KeyError: 'no such signal'"
     with pytest.raises(RunFailedError, match=said):
         fc.run(Scenario(duration=0.02, analyses={"mine": Raises()}), out=tmp_path / "run")
+
+
+def test_a_loaded_variant_is_what_runs_with_all_that_was_changed_in_it():
+    variants = {"soft": {"controller.integral_gain": 1.0}, "stiff": {"controller.integral_gain": 2.0}}
+    lines = [{"target": name, "metric": "peak_force_N", "variant": name, "maximum": 50.0} for name in variants]
+    plan = {"station": {"fidelity": "OneDimensional"}, "duration": 0.1, "variants": variants, "expect": lines}
+    assert list(fc.run(plan).metrics) == ["soft", "stiff"]
+    for given, name in ((None, "soft"), ("stiff", "stiff")):
+        scenario = load_scenario(plan, variant=given)
+        scenario.controller.integral_gain = 3.0
+        result = fc.run(scenario)
+        assert list(result.metrics) == [name]
+        assert [verdict.target for verdict in result.verdicts] == [name]
+        wanted = fc.run(plan | {"variants": {name: {"controller.integral_gain": 3.0}}, "expect": []})
+        assert result.log.equals(wanted.log)
