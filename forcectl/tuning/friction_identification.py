@@ -128,7 +128,7 @@ def identify_friction(
         before, after: joint speeds at the ends of each tick, shape (N, n) [rad/s].
         torque: mean friction torque in it, shape (N, n) [Nm]; see `friction_samples`.
         slowest: a tick is left out if it is slower than this at either end, or if the motion reverses in it [rad/s].
-        joints: names for messages; empty: joint 1, joint 2 and so on.
+        joints: names for messages, one per joint; empty: joint 1, joint 2 and so on.
 
     Raises:
         BadInputError: shapes that do not fit, torque of the wrong sign, or a run that does not excite a joint: it has
@@ -136,11 +136,15 @@ def identify_friction(
     """
     start, end, load = (np.asarray(values, dtype=float) for values in (before, after, torque))
     slow = check("slowest", slowest, "not negative")
-    if load.ndim != 2 or start.shape != load.shape or end.shape != load.shape:
+    if load.ndim != 2 or not load.shape[1] or start.shape != load.shape or end.shape != load.shape:
         raise BadInputError(f"torque has shape {load.shape}: must be (N, n), as the speeds {start.shape}, {end.shape}")
-    if not (np.isfinite(start).all() and np.isfinite(end).all() and np.isfinite(load).all()):
-        raise invalid("samples", "not finite", "finite; leave out lost samples")
     names = list(joints) or [f"joint {j + 1}" for j in range(load.shape[1])]
+    if len(names) != load.shape[1]:
+        raise invalid("joints", names, f"{load.shape[1]} names, as many as there are columns")
+    for name, values in (("before", start), ("after", end), ("torque", load)):
+        if not (finite := np.isfinite(values)).all():
+            k, j = (int(i) for i in np.argwhere(~finite)[0])
+            raise invalid(f"{name}[{k}] of {names[j]}", float(values[k, j]), "finite; leave out lost samples")
     fits = [_fit_joint(names[j], start[:, j], end[:, j], load[:, j], slow) for j in range(load.shape[1])]
     coefficients, deviation, rms, explained, move, still, used = (np.array(part).T for part in zip(*fits, strict=True))
     keys = ("offset", "coulomb", "viscous_forward", "viscous_backward")
@@ -154,12 +158,12 @@ def _fit_joint(joint: str, before: Array, after: Array, torque: Array, slowest: 
     count = int(moving.sum())
     if count < _LEAST_SAMPLES:
         raise BadInputError(f"{joint}: has {count} ticks in motion: must have at least {_LEAST_SAMPLES}")
-    features = _features(before[moving], after[moving])
+    features, speed = _features(before[moving], after[moving]), (before + after)[moving]
     scale = np.linalg.norm(features, axis=0)
-    if np.any(scale == 0) or np.linalg.cond(features / np.where(scale > 0, scale, 1.0)) > _WORST_CONDITION:
+    if speed.min() >= 0 or speed.max() <= 0 or np.linalg.cond(features / scale) > _WORST_CONDITION:
         raise BadInputError(f"{joint}: is not excited: must move both ways, each at more than one speed")
     wanted = torque[moving]
-    if _alike(wanted, (before + after)[moving]) < -_BRAKES:
+    if _alike(wanted, speed) < -_BRAKES:
         raise BadInputError(f"{joint}: torque drives the motion: must brake it, and be positive with a positive speed")
     # The offset may have either sign: it is the difference of two unknowns that are not negative.
     solution = nnls(np.column_stack([features / scale, -features[:, 0] / scale[0]]), wanted)[0]

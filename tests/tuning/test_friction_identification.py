@@ -86,8 +86,24 @@ def test_a_run_that_says_too_little_is_refused_by_joint():
         identify_friction(steady, steady, torque)
     with pytest.raises(BadInputError, match="shape"):
         identify_friction(before[:-1], after, torque)
-    with pytest.raises(BadInputError, match="finite"):
-        identify_friction(before, after, torque * np.nan)
+    # So short that rounding alone makes the columns of the least squares independent.
+    t = 0.002 * np.arange(31)[:, None]
+    v = 0.6 * np.sin(0.6 * np.pi * t) + 0.2 * np.sin(1.8 * np.pi * t)
+    with pytest.raises(BadInputError, match="joint 1: is not excited: must move both ways"):
+        identify_friction(v[:-1], v[1:], 5.0 + 3.0 * v[1:])
+
+
+def test_samples_that_cannot_be_used_are_named():
+    before, after, torque = ticks()
+    lost = after.copy()
+    lost[5, 1] = np.nan
+    with pytest.raises(BadInputError, match=r"after\[5\] of elbow = nan: must be finite"):
+        identify_friction(before, lost, torque, joints=["shoulder", "elbow"])
+    for names in (["shoulder"], ["a", "b", "c"]):
+        with pytest.raises(BadInputError, match="must be 2 names, as many as there are columns"):
+            identify_friction(before, after, torque, joints=names)
+    with pytest.raises(BadInputError, match=r"torque has shape \(1500, 0\): must be \(N, n\)"):
+        identify_friction(before[:, :0], after[:, :0], torque[:, :0])
 
 
 def test_records_that_do_not_fit_are_refused():
