@@ -226,6 +226,10 @@ class ReferenceModelConfig(Config):
             )
         if (self.numerator is None) != (self.denominator is None):
             raise BadInputError("reference model: must have numerator and denominator together")
+        if self.order != 1 and self.bandwidth is None:
+            raise invalid("order", self.order, "left out without a bandwidth: poles and denominator have their own")
+        if self.discrete and self.numerator is None:
+            raise invalid("discrete", self.discrete, "left out without numerator and denominator")
 
     def model(self, period: float) -> ReferenceModel:
         """The model sampled at `period` [s]."""
