@@ -355,6 +355,7 @@ class GovernedConfig(AroundLawConfig, Config):
             period: tick [s].
             true_delay_ticks: Nbar, see `stability_report`.
         """
+        check("period", period, "positive")
         inner = 1.0 - period * float(self._inner_bandwidth() or 0.0)
         ticks = whole_multiple("delay", self.delay, period, "period")
         alpha = feedback_weight(inner, ticks, self.output_weight, self.reference_weight, horizon=self.horizon)

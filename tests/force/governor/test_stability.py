@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcectl.errors import BadInputError
+from forcectl.force.governor.governor import GovernedConfig
 from forcectl.force.governor.program import (
     GovernorProgram,
     Situation,
@@ -25,6 +26,7 @@ from forcectl.force.governor.stability import (
     spectral_radius,
     stability_report,
 )
+from forcectl.force.linear_law import VrftConfig
 
 A, AT, N, Q = 0.997, 0.985, 40, 1e-3
 ALPHA = feedback_weight(A, N, 1.0, Q)
@@ -189,6 +191,16 @@ def test_the_report_holds_for_longer_horizons(horizon, true):
     found = spectral_radius(A, alpha, N, true)
     assert max(found, AT) == pytest.approx(max(whole, AT), rel=1e-6)
     assert alpha > ALPHA
+
+
+def test_the_numbers_on_the_page_of_controllers():
+    governor = GovernedConfig(law=VrftConfig(reference_bandwidth=1.5), horizon=20)
+    delays = [0.08, 0.04, 0.13, 0.22, 0.222]
+    cases = governor.stability(0.002, true_delay_ticks=[round(delay / 0.002) for delay in delays]).cases
+    np.testing.assert_allclose([case.spectral_radius for case in cases[:3]], [0.9129, 0.9988, 0.9997], atol=6e-5)
+    assert [case.stable for case in cases] == [True, True, True, True, False]
+    with pytest.raises(BadInputError, match=r"period = 0\.0: must be positive"):
+        governor.stability(0.0, true_delay_ticks=[1])
 
 
 def test_weights_at_the_ends():
