@@ -69,6 +69,16 @@ def test_the_margins_of_a_gain_agree_with_those_of_the_scaled_law():
     assert scaled.gain == pytest.approx(2.0, rel=1e-3)
 
 
+def test_gains_of_vrft_have_another_limit_than_its_loop_with_the_compliance_fed_back():
+    def found(factor):
+        law = f"!Vrft {{proportional_gain: {-1e-5 * factor}, integral_gain: {-2e-4 * factor}}}"
+        return margins_of(**scenario(law, **{"station.environment.stiffness": 1e5}))
+
+    assert found(1.0).gain == pytest.approx(1.23, abs=0.005)
+    assert found(3.1).stable
+    assert not found(3.3).stable
+
+
 def test_behind_a_governor_it_is_the_law_alone():
     law = CASES["vrft"]
     inside = margins_of(**scenario(f"!Governed {{inner_bandwidth: 6.0, law: {law}}}"))
