@@ -1,7 +1,8 @@
 """Columns of numbers with names and units, read from a CSV file or from the log of a run.
 
 A CSV file has a header of the form `time [s], displacement [mm], force [N]`, in any order, with commas, semicolons or
-tabs between. A log is NetCDF as `forcectl run` writes it: each variable over `time` with the attribute `units`.
+tabs between. Between semicolons or tabs numbers may have decimal commas. A log is NetCDF as `forcectl run` writes it:
+each variable over `time` with the attribute `units`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from forcectl.errors import BadInputError, show, unknown
 from forcectl.framework.files.text_file import table_text
 
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*$")
+_SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas"}
+_OPTIONS = {"displacement": ", or say with --input which it is", "force": ", or say with --output which it is"}
 _NETCDF = (".nc", ".nc4", ".h5", ".hdf5", ".cdf")
 
 
@@ -64,9 +67,10 @@ class Columns:
         found = next((name for name in names if name in self.columns), None) if wanted is None else _key(wanted)
         if found is None:
             there = ", ".join(column.label for column in self.columns.values())
-            choices = " or ".join(names[:3])
+            choices, option = " or ".join(names[:3]), _OPTIONS.get(kind, "")
+            between = "" if len(self.columns) > 1 else f"; between cells must be {', '.join(_SEPARATORS.values())}"
             raise BadInputError(
-                f"{self.origin} has no column of {kind}: has {there}; name one {choices}, or say which it is"
+                f"{self.origin} has no column of {kind}: has {there}; name one {choices}{option}{between}"
             )
         if found not in self.columns:
             known = [column.name for column in self.columns.values()]
@@ -110,7 +114,7 @@ def _read_csv(path: Path) -> Columns:
     lines = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if line.strip() and line[0] != "#"]
     if not lines:
         raise BadInputError(f"{path.name} is empty: must have a header and rows")
-    separator = max(";\t,", key=lines[0][1].count)
+    separator = _separator(*[line for _, line in lines[:2]])
     header = [part.strip() for part in _cells(lines[0][1], separator)]
     if all(_number(part) is not None for part in header):
         raise BadInputError(
@@ -120,12 +124,14 @@ def _read_csv(path: Path) -> Columns:
     rows = lines[1:]
     if not rows:
         raise BadInputError(f"{path.name} has a header and no rows")
-    decimal_comma = separator == ";" and "." not in rows[0][1]
-    table = [_cells(line.replace(",", ".") if decimal_comma else line, separator) for _, line in rows]
+    table = [_cells(line, separator) for _, line in rows]
+    decimal_comma = separator != "," and not any("." in cell and _number(cell) is not None for cell in table[0])
     numbers = [number for number, _ in rows]
     for number, row in zip(numbers, table, strict=True):
         if len(row) != len(header):
-            wanted = f"must have {len(header)}, as the header"
+            wanted = f"must have {len(header)}, as the header, with {_SEPARATORS[separator]} between"
+            if separator == "," and row is table[0]:
+                wanted += "; numbers with decimal commas need semicolons or tabs between"
             raise BadInputError(f"{path.name} row {number} has {len(row)} cells: {wanted}")
     columns: dict[str, Column] = {}
     for part, cells in zip(header, zip(*table, strict=True), strict=True):
@@ -133,12 +139,18 @@ def _read_csv(path: Path) -> Columns:
         name, unit = (found["name"], found["unit"] or "") if found else (part, "")
         if _key(name) in columns:
             raise BadInputError(f"{path.name} has two columns called {name!r}: rename one")
-        values = [_number(cell) for cell in cells]
+        values = [_number(cell.replace(",", ".") if decimal_comma else cell) for cell in cells]
         wrong = next((k for k, value in enumerate(values) if value is None and cells[k].strip()), None)
         shown = "" if wrong is None else repr(cells[wrong].strip()[:40])
         fault = "" if wrong is None else f"row {numbers[wrong]}, column {part}: {shown} must be a number"
         columns[_key(name)] = Column(name, unit, np.array(values, dtype=float), fault)
     return Columns(path.name, columns, lambda k: f"row {numbers[k]}")
+
+
+def _separator(header: str, row: str = "") -> str:
+    """The first one that gives header and first row as many cells, else the most frequent one of the header."""
+    fits = [each for each in _SEPARATORS if len(_cells(header, each)) == len(_cells(row, each)) > 1]
+    return fits[0] if fits else max(_SEPARATORS, key=header.count)
 
 
 def _cells(line: str, separator: str) -> list[str]:

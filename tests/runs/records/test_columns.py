@@ -54,7 +54,8 @@ def test_columns_are_found_by_any_writing_of_their_name(tmp_path):
         ("", "empty"),
         ("time [s],force [N]\n", "no rows"),
         ("0.0,1.0\n0.1,2.0\n", "no header"),
-        ("a,b\n1,2\n3\n", "row 3 has 1 cells: must have 2"),
+        ("a,b\n1,2\n3\n", "row 3 has 1 cells: must have 2, as the header, with commas between$"),
+        ("a,b\n0,0,1,5\n", "row 2 has 4 cells: must have 2, .*; numbers with decimal commas need semicolons or tabs"),
         ("a,b\n1,2\n" + "3" * 200_000 + "\n", "row 3 has 1 cells"),
         ("a,b\n1,2,3\n4,5,6\n", "row 2 has 3 cells: must have 2"),
         ("a [N],A [N]\n1,2\n", "two columns called 'A'"),
@@ -64,6 +65,32 @@ def test_what_is_wrong_with_a_table(tmp_path, text, words):
     with pytest.raises(BadInputError, match=words) as caught:
         read_columns(write(tmp_path, text))
     assert str(caught.value).startswith("data.csv")
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_decimal_commas_where_no_comma_separates(tmp_path, separator):
+    def table(*rows):
+        return read_columns(write(tmp_path, "".join(f"{separator.join(row)}\n" for row in rows)))
+
+    # Commas in the header outnumber the separators; a date is no number with a decimal point.
+    for header in ("a", "a, of two, with three commas"):
+        found = table((header, "b", "day"), ("0,25", "-1", "01.02.2026"), ("1e-3", "2,5", "02.02.2026"))
+        np.testing.assert_array_equal(found.find(header, (), "force").values, [0.25, 1e-3])
+        np.testing.assert_array_equal(found.find("b", (), "force").values, [-1.0, 2.5])
+    with pytest.raises(BadInputError, match=r"row 3, column a: '1\.234,5' must be a number"):
+        table(("a", "b"), ("0,25", "1"), ("1.234,5", "2")).find("a", (), "force")
+    with pytest.raises(BadInputError, match=r"row 3, column a: '1,234' must be a number"):
+        table(("a", "b"), ("0.25", "1"), ("1,234", "2")).find("a", (), "force")
+
+
+def test_a_missing_column_is_told_with_what_can_be_done(tmp_path):
+    table = read_columns(write(tmp_path, "Zeit [s],Weg [mm]\n0,1\n"))
+    with pytest.raises(BadInputError, match=r"name one time or t$"):  # no option names it
+        table.find(None, ("time", "t"), "time")
+    with pytest.raises(BadInputError, match=r"name one x, or say with --input which it is$"):
+        table.find(None, ("x",), "displacement")
+    with pytest.raises(BadInputError, match=r"name one y, or say with --output .*must be semicolons, tabs, commas$"):
+        read_columns(write(tmp_path, "x [m]|y [N]\n0|1\n")).find(None, ("y",), "force")
 
 
 def test_words_matter_only_in_a_column_that_is_used(tmp_path):
