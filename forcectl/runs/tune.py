@@ -41,6 +41,8 @@ from forcectl.tuning.vrft import fit_vrft
 CONTROLLER = "controller.yaml"
 _CONTROL_PERIOD = 0.002  # [s] of the shipped station
 _SOFTEST = 1.0  # [m/N] largest compliance of a robot
+_OTHER_UNIT = 10.0  # factor between commanded and recorded motor displacements that shows another unit
+_SAME = 0.05  # largest relative difference of a stated compliance from the one that the record shows
 _HYSTERESIS = 0.1  # largest relative difference of the static gains of plant model and rests
 
 
@@ -160,6 +162,8 @@ class Tuned:
                 f"the plant model is {of_model:.4g} N/m stiff and the contact at rest {self.stiffness:.4g} N/m "
                 "(friction?): the latter is written to the station"
             )
+        if self.other is None and self.record.motor_fault:
+            own.append(f"no comparison with VRFT on motor positions: {self.record.motor_fault}")
         if self.record.resting < LONG_REST:
             own.append("the record does not begin with a rest: its first sample is used as the values at rest")
         if self.fit.pid is None and not math.isclose(self.record.period, _CONTROL_PERIOD, rel_tol=1e-3):
@@ -269,6 +273,8 @@ def _instrument(record: Recorded, again: Recorded) -> np.ndarray:
 def _check_motor(record: Recorded, on_motor: Recorded | None, instrument: np.ndarray | None) -> None:
     """Refuse VRFT on motor positions that were not recorded, or with an instrument."""
     if on_motor is None:
+        if record.motor_fault:
+            raise BadInputError(f"{record.motor_fault}: VRFT on motor positions needs this column; correct it")
         what = "no column of the motors' displacement" if record.motor is None else "not both of u_hat and dx_bar"
         raise BadInputError(
             f"{record.origin} has {what}: must have a column {' or '.join(NAMES['displacement of the motors'][:2])}, "
@@ -280,9 +286,20 @@ def _check_motor(record: Recorded, on_motor: Recorded | None, instrument: np.nda
 
 def _on_motor(record: Recorded, compensated: bool, robot_compliance: float | None) -> Recorded | None:
     """The record for VRFT on motor positions; None where the motors or the compliance fed back are unknown."""
-    fed_back = robot_compliance if robot_compliance is not None else record.fed_back if compensated else 0.0
+    shown = record.fed_back
+    if robot_compliance is not None and shown and not math.isclose(robot_compliance, shown, rel_tol=_SAME):
+        allowed = f"that of u_hat and dx_bar in the record, {shown:.4g} m/N; leave it out"
+        raise invalid("robot_compliance", robot_compliance, allowed)
+    fed_back = robot_compliance if robot_compliance is not None else shown if compensated else 0.0
     if record.motor is None or fed_back is None:
         return None
+    commanded = record.u - fed_back * record.y
+    moved = float(record.motor @ commanded / (commanded @ commanded))
+    if not 1 / _OTHER_UNIT <= moved <= _OTHER_UNIT:
+        raise BadInputError(
+            f"{record.origin}: {record.motor_name} moves {moved:.3g} times as far as was commanded: must be "
+            f"{1 / _OTHER_UNIT:g} to {_OTHER_UNIT:g} times; has it another unit or sign?"
+        )
     u, y = motor_record(record.motor, record.y, robot_compliance=fed_back, period=record.period)
     return replace(record, u=u, y=y)
 
@@ -303,7 +320,7 @@ def reference_model_config(text: str | float | ReferenceModelConfig) -> Referenc
     tree = parse(text, "--reference-model") if isinstance(text, str) else text
     if isinstance(tree, int | float) and not isinstance(tree, bool):
         tree = Tagged({"bandwidth": tree})
-    if not isinstance(tree, Tagged):
+    if not isinstance(tree, Tagged) or tree.tag:
         raise BadInputError(
             f"--reference-model {text!r}: must be a bandwidth [rad/s] or a mapping such as {{bandwidth: 1.5, order: 2}}"
         )
@@ -323,7 +340,8 @@ def _basis(form: str, period: float) -> ControllerBasis:
 def _write(tuned: Tuned, folder: Path) -> None:
     of_both = "of robot and contact together: the joints are rigid"
     remark = "of the contact in the record" if tuned.compensated else of_both
-    text = f"# station: the stiffness is that {remark}\n{dump(tuned.scenario)}"
+    others = "robot, drives and sensor are the default ones"
+    text = f"# station: the stiffness is that {remark}; {others}\n{dump(tuned.scenario)}"
     write_file(folder / CONTROLLER, text.encode())
     write_json(folder / SUMMARY, tuned.summary())
     _write_figures(tuned, folder / "figures")

@@ -285,6 +285,8 @@ def test_a_result_is_replaced_only_on_request(tmp_path, without_pictures):
         ("fast", "must be a bandwidth"),
         ("[1, 2]", "must be a bandwidth"),
         ("{bandwith: 2}", "did you mean 'bandwidth'"),
+        ("!Fast {bandwidth: 2}", "must be a bandwidth"),
+        ("{poles: [-2], order: 3}", "--reference-model: order = 3: must be left out without a bandwidth"),
         ("{bandwidth: -2}", "positive"),
         ("-2", "positive"),
         ("{numerator: [1, 1], denominator: [1, 2]}", "strictly proper"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,6 +63,8 @@ class Recorded:
         resting: number of samples at the beginning that those values are from.
         motor: x_m, displacement of the motors minus that at rest, shape (k,) [m]; None where it was not recorded.
         fed_back: C_R_hat of (4.12), computed from u_hat and dx_bar [m/N]; None where not both were recorded.
+        motor_name: of the column of `motor`, as written.
+        motor_fault: why a column that VRFT on motor positions needs cannot be used; "" where nothing is wrong with it.
     """
 
     origin: str
@@ -76,6 +79,8 @@ class Recorded:
     motor: Array | None = None
     fed_back: float | None = None
     time_name: str = "time"
+    motor_name: str = ""
+    motor_fault: str = ""
 
     @property
     def time(self) -> Array:
@@ -172,7 +177,6 @@ def read_record(
     rests = [int(np.argmax(np.abs(u - u[0]) > share * np.ptp(u))) for share in _AT_REST]
     resting = rests[0] if rests[0] >= LONG_REST else rests[1]
     y_rest = float(y[:resting].mean())
-    motor, fed_back = _motors(table, u, y, resting, -1 if flip_input else 1)
     return Recorded(
         table.origin,
         moved.label,
@@ -183,26 +187,33 @@ def read_record(
         float(u[0]),
         y_rest,
         resting,
-        motor,
-        fed_back,
-        time.label,
+        time_name=time.label,
+        **_motors(table, u, y, resting, -1 if flip_input else 1),
     )
 
 
-def _motors(table: Columns, u: Array, y: Array, resting: int, sign: int) -> tuple[Array | None, float | None]:
-    """x_m from rest [m], and C_R_hat [m/N] from u_hat - dx_bar = C_R_hat F; None for what the table does not have."""
-    found = {}
-    for name in (*NAMES["displacement of the motors"], "displacement_command"):
+def _motors(table: Columns, u: Array, y: Array, resting: int, sign: int) -> dict[str, Any]:
+    """The attributes of `Recorded` about motors: x_m from rest [m], C_R_hat [m/N] from u_hat - dx_bar = C_R_hat F."""
+    found, faults = {}, []
+    motors = [name for name in NAMES["displacement of the motors"] if name in table.columns]
+    for name in (*motors, "displacement_command"):
         if name in table.columns:
             column = table.find(name, (), "displacement of the motors")
-            if np.isfinite(column.values).all() and np.ptp(column.values) > 0:
+            bad = np.flatnonzero(~np.isfinite(column.values))
+            if bad.size:
+                faults.append(str(table.wrong(f"empty or not a number ({bad.size} such rows)", int(bad[0]), column)))
+            elif np.ptp(column.values) == 0:
+                constant = f"is constant at {column.values[0]:g} in all rows"
+                faults.append(f"{table.origin}: column {column.label} {constant}")
+            else:
                 found[name] = sign * column.values * _factor(table, column, "displacement")
-    motor = next((found[name] for name in NAMES["displacement of the motors"] if name in found), None)
-    if motor is not None:
-        motor = motor - motor[:resting].mean()
+    used = next((name for name in motors if name in found), None)
+    motor = None if used is None else found[used] - found[used][:resting].mean()
     command = found.get("displacement_command")
     fed_back = None if command is None else max(float((u - command) @ y / (y @ y)), 0.0)
-    return motor, fed_back
+    name = "" if used is None else table.columns[used].label
+    fault = faults[0] if motors and faults else ""
+    return {"motor": motor, "fed_back": fed_back, "motor_name": name, "motor_fault": fault}
 
 
 def _factor(table: Columns, column: Column, quantity: str) -> float:
