@@ -25,6 +25,7 @@ from forcectl.errors import BadInputError
 from forcectl.framework.files.text_file import MOST_CHARACTERS
 from forcectl.framework.files.yaml_places import ZeroBeforeError, places
 
+IMPORT = "Import"  # tag for a class given by its import path, allowed in every slot
 _MOST_VALUES = 100_000  # values in one text
 _SHALLOW = 100  # levels of nesting
 _MERGE = "tag:yaml.org,2002:merge"
@@ -287,8 +288,9 @@ def dump(tree: Tree) -> str:
 def merge(base: Tree, over: Tree) -> Tree:
     """`base` overlaid with the values of `over`; neither is modified.
 
-    Mappings are merged key by key, unless `over` has another tag: then it replaces `base` as a whole. Keys that are
-    whole numbers address the elements of a list. A tag may be given as text. Everything else is replaced.
+    Mappings are merged key by key, unless `over` has another tag, or `!Import` with another path: then it replaces
+    `base` as a whole. Keys that are whole numbers address the elements of a list. A tag may be given as text.
+    Everything else is replaced.
     """
     if isinstance(over, Tagged) and over.tag is None and over.given is None:
         if isinstance(base, str):
@@ -314,7 +316,12 @@ def merge(base: Tree, over: Tree) -> Tree:
 
 
 def _replaces(over: Tagged, base: Tagged) -> bool:
-    return over.given is not None or over.tag not in (None, base.tag)
+    return over.given is not None or (over.tag is not None and _is_other_part(over, base))
+
+
+def _is_other_part(part: Tagged, base: Tagged) -> bool:
+    """Whether a part has another tag, or `!Import` with another path."""
+    return part.tag != base.tag or (part.tag == IMPORT and part.get("path", base.get("path")) != base.get("path"))
 
 
 def is_object(value: Any) -> bool:
@@ -371,7 +378,9 @@ def as_json(tree: Tree) -> Any:
 
 def difference(base: Tree, other: Tree) -> Tree:
     """The smallest tree that turns `base` into `other` when merged on top; an empty mapping for equal mappings."""
-    if not isinstance(base, Tagged) or not isinstance(other, Tagged) or base.tag != other.tag or set(base) - set(other):
+    if not isinstance(base, Tagged) or not isinstance(other, Tagged) or set(base) - set(other):
+        return plain(other)
+    if _is_other_part(other, base):
         return plain(other)
     changed = Tagged()
     for key, value in other.items():

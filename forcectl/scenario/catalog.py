@@ -178,7 +178,6 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "fault": ("fault",),
 }
 _GROUP = "forcectl."  # prefix of the groups of entry points, followed by the slot
-IMPORT = "Import"  # tag for a class given by its import path, allowed in every slot
 DEFAULT_PRESET = "friction"
 BLOCK_ROOMS = ("plant", "force", "tasks", "motion", "estimation")
 SYSTEMS = ("LeafSystem", "Diagram", "LinearSystem", "AffineSystem", "MatrixGain")  # Drake's base classes of blocks

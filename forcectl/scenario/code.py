@@ -10,8 +10,8 @@ from typing import Any
 from forcectl.errors import BadInputError, show
 from forcectl.framework.imports import Imports
 from forcectl.framework.reader import join
-from forcectl.framework.yaml_tree import Tagged, Tree, nest
-from forcectl.scenario.catalog import IMPORT, SLOTS, ScenarioFile, announced, find_scenario
+from forcectl.framework.yaml_tree import IMPORT, Tagged, Tree, nest
+from forcectl.scenario.catalog import SLOTS, ScenarioFile, announced, find_scenario
 
 
 def code_in(file: ScenarioFile) -> dict[str, str]:

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from forcectl.errors import BadInputError, one_line, show
 from forcectl.framework.reader import join
-from forcectl.framework.yaml_tree import Tagged, Tree, dump
-from forcectl.scenario.catalog import IMPORT
+from forcectl.framework.yaml_tree import IMPORT, Tagged, Tree, dump
 from forcectl.scenario.checks.values import parts_within
 from forcectl.scenario.trees import tree_of_fields
 

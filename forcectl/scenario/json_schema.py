@@ -14,7 +14,8 @@ from typing import Any
 
 from forcectl.errors import BadInputError
 from forcectl.framework.fields import REQUIRED, Key, interval, key_of, members, typed_fields
-from forcectl.scenario.catalog import IMPORT, SLOTS, announced, tags_of
+from forcectl.framework.yaml_tree import IMPORT
+from forcectl.scenario.catalog import SLOTS, announced, tags_of
 from forcectl.scenario.keys import default_value, is_number
 from forcectl.scenario.scenario import Scenario
 from forcectl.scenario.schema import class_of

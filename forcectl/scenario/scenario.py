@@ -26,7 +26,7 @@ from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.imports import Imports, allowed_names
-from forcectl.framework.yaml_tree import Tagged, Tree, difference, dump, plain
+from forcectl.framework.yaml_tree import IMPORT, Tagged, Tree, difference, dump, plain
 from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
@@ -108,7 +108,7 @@ class Scenario(Config):
     def fidelity(self) -> str:
         """Tag of the station's fidelity."""
         tree = to_tree(self.station.fidelity, "fidelity")
-        return tree.tag if tree.tag != catalog.IMPORT else str(tree["path"])
+        return tree.tag if tree.tag != IMPORT else str(tree["path"])
 
     @property
     def parts(self) -> LoopParts:

@@ -13,8 +13,8 @@ from forcectl.errors import BadInputError, invalid, show, unknown
 from forcectl.framework.fields import REQUIRED, key_of
 from forcectl.framework.imports import Imports
 from forcectl.framework.reader import Reader, join, named, part_name
-from forcectl.framework.yaml_tree import Tagged, Tree, is_object
-from forcectl.scenario.catalog import CONTRACTS, IMPORT, SLOTS, tags_of
+from forcectl.framework.yaml_tree import IMPORT, Tagged, Tree, is_object
+from forcectl.scenario.catalog import CONTRACTS, SLOTS, tags_of
 
 
 def load_object(path: str) -> Any:

@@ -11,8 +11,8 @@ from typing import Any
 
 from forcectl.errors import show
 from forcectl.framework.fields import default_of, key_of, typed_fields
-from forcectl.framework.yaml_tree import Tagged, Tree, is_object
-from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
+from forcectl.framework.yaml_tree import IMPORT, Tagged, Tree, is_object
+from forcectl.scenario.catalog import SLOTS, tags_of
 from forcectl.scenario.schema import loaded_object
 
 

@@ -102,6 +102,19 @@ def test_another_tag_replaces_the_same_tag_or_none_merges():
     assert merge(base, parse("{c: !A {y: 3}}", "f")) == {"c": {"x": 1, "y": 3}}
 
 
+def test_a_class_of_another_path_replaces_and_one_of_the_same_path_merges():
+    base = parse("{c: !Import {path: 'm:A', parameters: {x: 1}}}", "f")
+    other = parse("{c: !Import {path: 'm:B', parameters: {y: 3}}}", "f")
+    assert merge(base, other) == other
+    assert same(merge(base, difference(base, other)), other)
+    assert merge(base, parse("{c: !Import {path: 'm:A', parameters: {y: 3}}}", "f"))["c"]["parameters"] == {
+        "x": 1,
+        "y": 3,
+    }
+    assert merge(base, nest({"c.path": "m:B"}))["c"] == {"path": "m:B", "parameters": {"x": 1}}
+    assert merge(base, parse("{c: !Import {parameters: {y: 3}}}", "f"))["c"]["parameters"] == {"x": 1, "y": 3}
+
+
 def test_dotted_overrides_reach_into_lists():
     base = parse("{a: {list: [10, 20, 30]}}", "f")
     assert merge(base, nest({"a.list.1": 7})) == {"a": {"list": [10, 7, 30]}}

@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from forcectl.errors import unknown
+from forcectl.framework.yaml_tree import IMPORT
 from forcectl.scenario import catalog
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def catalog_tables() -> list[Table]:
     for key, names in catalog.list_models().items():
         parts.add_row(key, ", ".join(names))
     for slot in catalog.SLOTS:
-        parts.add_row(slot, ", ".join(f"!{tag}" for tag in (*catalog.tags_of(slot), catalog.IMPORT)))
+        parts.add_row(slot, ", ".join(f"!{tag}" for tag in (*catalog.tags_of(slot), IMPORT)))
     return [kind_table("experiments"), kind_table("presets"), parts]
 
 
