@@ -8,14 +8,16 @@ as `{"residual": "n"}`, or by `Components` with names of its own. Otherwise a si
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from pydrake.systems.framework import OutputPort
 
 from forcectl.conventions import SIGNALS, WRENCH_PARTS, Components
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, show
 from forcectl.framework.block import of_ports
 
+_SHAPES = {signal.shape for signal in SIGNALS.values()}
 _ALWAYS = ("n", "a")  # shapes that are vectors even with one element: of a robot with one joint, or one arm
 
 
@@ -46,6 +48,9 @@ def components_of(ports: Mapping[str, OutputPort], workcell: Workcell) -> dict[s
 def _of_port(name: str, port: OutputPort, workcell: Workcell) -> Components | None:
     size, own = port.size(), port.get_name()
     declared = of_ports(port.get_system(), "port_components").get(own)
+    if declared is not None and not _is_allowed(declared):
+        shapes = ", ".join(sorted(_SHAPES))
+        raise _wrong(port, f"= {show(declared)}", f"one of {shapes}, or Components(dimension, labels, units)")
     known = [SIGNALS[each].shape for each in (name, own) if each in SIGNALS]
     shape = declared or next(iter(known), "")
     if isinstance(shape, str) and size == 1 and shape not in _ALWAYS:
@@ -55,8 +60,17 @@ def _of_port(name: str, port: OutputPort, workcell: Workcell) -> Components | No
         return made
     if declared:
         labels = shape if isinstance(shape, str) else ", ".join(shape.labels)
-        raise _wrong(port, f"has size {size}", f"{len(made.labels) if made else 'one of SIGNALS'} ({labels})")
+        raise _wrong(port, f"has size {size}", f"{len(made.labels) if made else shape} ({labels})")
     return numbered(name, size) if size > 1 else None
+
+
+def _is_allowed(declared: Any) -> bool:
+    if isinstance(declared, str):
+        return declared in _SHAPES
+    if not isinstance(declared, Components):
+        return False
+    texts = (declared.dimension, *declared.labels, *declared.units)
+    return all(isinstance(each, str) for each in texts) and len(declared.units) in (0, len(declared.labels))
 
 
 def _wrong(port: OutputPort, fault: str, allowed: str) -> BadInputError:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
@@ -241,10 +242,13 @@ def _add_sources(
 
 def check_range(parts: LoopParts) -> None:
     """Raise BadInputError where the reference of the force is beyond the range of a sensor."""
-    largest = made_by(parts.reference, "largest_force", "reference", int | float, "a number")
+    largest = float(made_by(parts.reference, "largest_force", "reference", Real, "a number"))
     limits = [sensor.range for sensor in parts.station.sensors.values() if hasattr(sensor, "range")]
-    if limits and not largest <= min(limits):
-        raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
+    if limits and largest > min(limits):
+        allowed = f"at most the sensor's range, {min(limits):g} N"
+        if getattr(parts.reference, "force", None) == largest:
+            raise invalid("reference.force", largest, allowed)
+        raise BadInputError(f"its largest force is {largest:g} N: must be {allowed}", key="reference")
 
 
 def _check_makers(makers: Mapping[str, System], chosen: Collection[str]) -> None:

@@ -13,13 +13,15 @@ stores its own entry, or passes a bound method to it, is never freed: hence `Blo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import MethodType
 from typing import Any
 from weakref import ref
 
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, Diagram, LeafSystem, OutputPort, System, ValueProducer
+
+from forcectl.errors import BadInputError, show
 
 _Type: Any = type(LeafSystem)
 
@@ -126,4 +128,9 @@ def of_ports(system: System, attribute: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for block in inner:
         found |= of_ports(block, attribute)
-    return found | getattr(system, attribute, {})
+    own = getattr(system, attribute, {})
+    if not isinstance(own, Mapping):
+        raise BadInputError(
+            f"block {system.get_name()!r}: {attribute} = {show(own)}: must be a mapping of names of ports"
+        )
+    return found | dict(own)

@@ -8,6 +8,7 @@ from pydrake.systems.framework import LeafSystem
 
 import forcectl as fc
 from forcectl.conventions import Components
+from forcectl.framework.block import of_ports
 
 READINGS = {"joint_position": 6}
 
@@ -48,7 +49,11 @@ def test_a_signal_of_as_many_numbers_as_joints_is_not_one_of_the_joints_unless_i
     ("part", "message"),
     [
         (Part("n", 5), r"block 'mine_estimator': port_components: mine has size 5: must be 6 \(n\)"),
-        (Part("q"), r"mine has size 6: must be one of SIGNALS \(q\)"),
+        (Part("q"), r"mine = 'q': must be one of 1, .*, n, or Components\(dimension, labels, units\)$"),
+        (Part("N", 1), "mine = 'N': must be one of 1, "),
+        (Part(["n"]), r"mine = \['n'\]: must be one of 1, "),
+        (Part(Components(("x",), ("N",)), 1), r"mine = Components\(dimension=\('x',\).*: must be one of 1, "),  # type: ignore[arg-type]
+        (Part(Components("x", ("a", "b"), ("N",)), 2), r"mine = Components\(.*: must be one of 1, "),
         (
             Part(Components("joint", tuple("abcdef"))),
             r"mine has the dimension joint: must be of joint_1, ",
@@ -58,6 +63,14 @@ def test_a_signal_of_as_many_numbers_as_joints_is_not_one_of_the_joints_unless_i
 def test_what_a_block_says_of_its_port_must_fit(part: Part, message: str) -> None:
     with pytest.raises(fc.BadInputError, match=message):
         built(part)
+
+
+def test_components_that_are_no_mapping_are_refused_of_their_block() -> None:
+    block = LeafSystem()
+    block.set_name("mine")
+    block.port_components = ["n"]
+    with pytest.raises(fc.BadInputError, match=r"^block 'mine': port_components = \['n'\]: must be a mapping"):
+        of_ports(block, "port_components")
 
 
 @pytest.mark.parametrize("name", ["cap_rotation", "fig_6_10", "fig_5_3", "force_estimation"])

@@ -52,6 +52,8 @@ class ReadingFault:
             raise unknown("kind", self.kind, FAULTS)
         if not math.isfinite(self.start):
             raise invalid("start", self.start, "a finite number")
+        if not self.end >= self.start:
+            raise invalid("end", self.end, f"after start = {self.start:g} s")
         if self.joint is not None and self.joint not in range(joints):
             raise invalid("joint", self.joint, f"from 0 to {joints - 1}")
 
