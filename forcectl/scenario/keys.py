@@ -38,6 +38,14 @@ class KeyWords(NamedTuple):
     meaning: str
 
 
+IMPORT_KEYS = [
+    KeyWords(
+        "path", "text", "", '"package.module:Name"', "", "import path of a class of your own, which fills the slot"
+    ),
+    KeyWords("parameters", "mapping", "", "", "{}", "its fields, or the arguments of a class that is no dataclass"),
+]
+
+
 def classes_of(tag: str) -> dict[str, type]:
     """The classes that a tag, with or without the `!`, stands for, by slot.
 

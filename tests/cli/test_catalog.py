@@ -105,6 +105,16 @@ def test_list_of_a_tag_shows_its_keys_with_unit_bounds_default_and_meaning(force
     assert "forgetting 0.995 a number, from 0.1 to 1" in words
 
 
+def test_list_of_import_shows_how_a_class_of_ones_own_is_named(forcectl):
+    code, out, err = forcectl("list", "!Import")
+    assert (code, err) == (0, "")
+    assert "!Import, fills any slot" in out
+    assert [row["key"] for row in json.loads(forcectl("list", "!Import", "--json")[1])["any slot"]] == [
+        "path",
+        "parameters",
+    ]
+
+
 def test_list_of_scenario_shows_the_keys_that_have_no_tag(forcectl, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "160")
     monkeypatch.chdir(tmp_path)

@@ -28,6 +28,7 @@ _PLURALS = {
 }
 PLURALS = {slot: _PLURALS.get(slot, f"{slot}s") for slot in catalog.SLOTS}
 SCENARIO = "scenario"  # whose keys are listed as those of a tag
+_ANY = "any slot"  # what `!Import` fills
 KINDS = ("experiments", "presets", "robots", "tools", *PLURALS.values(), "blocks")
 
 
@@ -104,7 +105,8 @@ def key_tables(name: str) -> list[Table]:
     tables: list[Table] = []
     for slot, keys in _keys(name).items():
         parts: dict[str, Table] = {}
-        whole = f"{name}, fills the slot {slot}" if slot != SCENARIO else "Keys of a scenario"
+        filled = slot if slot == _ANY else f"the slot {slot}"
+        whole = f"{name}, fills {filled}" if slot != SCENARIO else "Keys of a scenario"
         for words in keys:
             part, _, key = words.key.rpartition(".")
             title = f"{name}: {part}" if part else whole
@@ -122,9 +124,11 @@ def key_rows(name: str) -> dict[str, list[dict[str, str]]]:
 
 
 def _keys(name: str) -> dict[str, list[KeyWords]]:
-    from forcectl.scenario.keys import classes_of, keys_of
+    from forcectl.scenario.keys import IMPORT_KEYS, classes_of, keys_of
     from forcectl.scenario.scenario import Scenario
 
+    if name == f"!{IMPORT}":
+        return {_ANY: IMPORT_KEYS}
     classes = {SCENARIO: Scenario} if name == SCENARIO else classes_of(name)
     return {slot: keys_of(cls) for slot, cls in classes.items()}
 
