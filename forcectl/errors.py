@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-_LIBRARIES = frozenset({"forcectl", "pydrake", "numpy", "scipy"})
+_LIBRARIES = frozenset({"forcectl", "pydrake", "numpy", "scipy", "xarray", "pandas", "matplotlib"})
 
 
 class ForcectlError(Exception):

@@ -24,6 +24,7 @@ from collections.abc import Mapping
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
+from forcectl.analysis.findings.finding import RunFinding
 from forcectl.analysis.force_metrics import metrics_of
 from forcectl.analysis.motion_metrics import joint_metrics
 from forcectl.diagrams.model import Setting
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from forcectl.analysis.findings.finding import RunFinding
     from forcectl.analysis.force_targets import Allowed
     from forcectl.diagrams.log import LoggedSignal
 
@@ -146,6 +146,15 @@ def check_metrics(found: Mapping[Any, Any], there: Iterable[str], analysis: str)
             raise RunFailedError(f"analyses.{analysis}: metric {name} = {show(value)}: must be a number or None")
     finite = {name: value is not None and math.isfinite(value) for name, value in found.items()}
     return {name: float(value) if finite[name] else None for name, value in found.items()}
+
+
+def check_findings(found: list[Any], analysis: str) -> list[RunFinding]:
+    """Check the findings that an analysis returns, see `check_metrics`."""
+    for one in found:
+        if not isinstance(one, RunFinding):
+            kind = type(one).__name__
+            raise RunFailedError(f"analyses.{analysis}: findings must be a list of RunFinding, not of {kind}")
+    return found
 
 
 def check_figures(found: Mapping[Any, Any], there: Iterable[str], analysis: str) -> Mapping[str, Figure]:

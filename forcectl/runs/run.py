@@ -15,7 +15,7 @@ from pydrake.systems.framework import Diagram
 from forcectl.analysis.findings.finding import RunFinding
 from forcectl.analysis.force_metrics import find_steps, force_distance
 from forcectl.analysis.slot import check_files
-from forcectl.errors import BadInputError, one_line
+from forcectl.errors import BadInputError, RunFailedError, one_line
 from forcectl.figures.file_names import file_names
 from forcectl.framework.yaml_tree import as_json
 from forcectl.interrupts import Interrupts, interrupts_ignored
@@ -144,13 +144,22 @@ def finish(
         kept = None if claim is None else claim.write(fill, FAILED)
         where = f"; the log up to there is in {kept}" if kept else ""
         raise StoppedRunError(f"variant {failed.variant!r}: {failed.failure}{where}", log, kept) from failed.cause
-    directory = None if claim is None else claim.write(fill)
+    directory = None if claim is None else _written(claim, fill, log)
     metrics, findings = _metrics(outcomes), _findings(outcomes)
     speeds = {outcome.variant: outcome.realtime_factor for outcome in outcomes}
     gains = {outcome.variant: outcome.gains for outcome in outcomes if outcome.gains}
     return RunResult(
         name, log, metrics, diagram, directory, verdicts, assumed_of(first), first, findings, speeds, gains
     )
+
+
+def _written(claim: Claim, fill: Callable[[Path], None], log: xr.Dataset) -> Path:
+    """The directory of a run that was simulated to its end; StoppedRunError where an analysis fails to draw."""
+    try:
+        return claim.write(fill)
+    except RunFailedError as error:
+        text = f"{error}; log and metrics are in {claim.failed}"
+        raise StoppedRunError(text, log, claim.failed) from error.__cause__
 
 
 def _metrics(outcomes: Sequence[VariantOutcome]) -> dict[str, dict[str, float | None]]:

@@ -17,7 +17,7 @@ import xarray as xr
 
 from forcectl.analysis.findings.config import FindingsConfig
 from forcectl.analysis.findings.finding import RunFinding, finding
-from forcectl.analysis.slot import check_figures, check_metrics, read_only, run_figures, run_metrics
+from forcectl.analysis.slot import check_figures, check_findings, check_metrics, read_only, run_figures, run_metrics
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.model import ModelConfig, Setting
 from forcectl.diagrams.station import StationConfig
@@ -157,10 +157,7 @@ class Scenario(Config):
         findings += [finding("key_unread", line) for line in unread(self, {*map(str, log)})]
         for name, analysis in self.analyses.items():
             if hasattr(analysis, "findings"):
-                findings += self.asked(name, "findings", log, setting, kind=list)
-        for one in findings:
-            if not isinstance(one, RunFinding):
-                raise RunFailedError(f"analyses: findings must be a list of RunFinding, not of {type(one).__name__}")
+                findings += check_findings(self.asked(name, "findings", log, setting, kind=list), name)
         kept = [one for one in findings if one.kind not in self.findings.ignore]
         return sorted(kept, key=lambda one: (-one.severity, math.inf if one.time is None else one.time))
 
@@ -188,7 +185,7 @@ class Scenario(Config):
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # a user's analysis may raise anything
-            raise RunFailedError(f"analyses.{name}: {method} raised {one_line(error)}") from error
+            raise RunFailedError(f"analyses.{name}: {method} raised {one_line(error)}{place_in_code(error)}") from error
         if not isinstance(found, kind):
             wanted = f"a {kind.__name__.lower()}"
             raise RunFailedError(f"analyses.{name}: {method} must return {wanted}, not {type(found).__name__}")

@@ -1,4 +1,5 @@
 from forcectl.doctor import examine
+from tests.examples.broken_diagrams import failing_update
 from tests.inspect.test_events import Busy
 
 
@@ -18,3 +19,8 @@ def test_an_offset_of_whole_fast_periods_meets():
 def test_publishing_out_of_step_is_only_noted():
     assert timing(("discrete", 0.002, 0.0), ("publish", 0.003, 0.0)) == {("info", "periods-do-not-divide")}
     assert timing(("discrete", 0.002, 0.0), ("publish", 0.002, 0.001)) == {("info", "offsets-differ")}
+
+
+def test_an_update_that_fails_has_its_line():
+    [found] = [each for each in examine(failing_update()).findings if each.code == "update-raises"]
+    assert " (broken_diagrams.py:" in str(found)

@@ -39,7 +39,7 @@ def test_values_that_are_no_numbers(value):
 
 
 @pytest.mark.parametrize(
-    ("calc", "text"), [(raising, "ValueError: no such thing at all"), (aborting, "a precondition")]
+    ("calc", "text"), [(raising, "ValueError: no such thing at all (test_values.py:"), (aborting, "a precondition")]
 )
 def test_an_output_that_fails_is_told_and_does_not_end_the_examination(calc, text):
     builder = DiagramBuilder()

@@ -141,6 +141,12 @@ def test_whatever_a_module_does_is_one_line(folder, what):
         Imports(folder).load("of_the_test_bad:Law", "path")
 
 
+def test_an_error_in_a_module_has_its_line(folder):
+    (folder / "of_the_test_line.py").write_text("import numpy\n\nLIMIT = 1 / 0\n")
+    with pytest.raises(BadInputError, match=r"ZeroDivisionError: division by zero \(of_the_test_line\.py:3\)$"):
+        Imports(folder).load("of_the_test_line:Law", "path")
+
+
 @pytest.mark.parametrize("names", ["os", ["os"], ["sys.path"], ["a b"], [""], [3], ["../x"]])
 def test_names_that_cannot_be_allowed(names):
     with pytest.raises(BadInputError, match=r"^key"):

@@ -11,10 +11,10 @@ from forcectl.diagrams.fidelities.light import KinematicFidelity, LightStation
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.signals import FromConfig
 from forcectl.diagrams.station import StationConfig
-from forcectl.errors import RunFailedError
 from forcectl.estimation.force_estimator import ForceEstimatorConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.vrft.experiment import RecursiveVrftConfig
+from forcectl.framework.yaml_tree import dump, parse
 from forcectl.motion.excitation import TrapezoidalMovesConfig
 from forcectl.motion.joint_path import JointMovesConfig
 from forcectl.motion.loads import LoadConfig
@@ -23,8 +23,9 @@ from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.surface import SurfaceConfig, WaveConfig
 from forcectl.plant.sensors.joint_sensors import ReadingFaultConfig
+from forcectl.runs.result import StoppedRunError
 from forcectl.scenario.catalog import SLOTS
-from forcectl.scenario.scenario import Scenario, load_scenario
+from forcectl.scenario.scenario import Scenario, load_scenario, resolved_tree
 from forcectl.tasks.constraints.parts import WallConfig
 from forcectl.tasks.controllers.reaching import ReactiveReachingConfig
 from forcectl.tasks.null_space_parts import EvasiveConfig, JointSpeedConfig, LinkPotentialConfig
@@ -348,6 +349,21 @@ def test_the_run_directory_names_the_class_of_a_users_object(tmp_path, without_p
     assert names(fc.build(again).diagram) == names(fc.build(scenario).diagram)
 
 
+@dataclass
+class Other(MyAnalysis):
+    """A second analysis of the user's, with keys of its own."""
+
+    share: float = 0.5
+
+
+def test_variants_with_different_classes_of_the_user_can_be_run_again():
+    mine = {"a": {}, "b": {"analyses.mine": Other(share=0.25)}}
+    tree = {"analyses": {"mine": MyAnalysis(seen=[1])}, "variants": mine}
+    text = dump(resolved_tree({name: load_scenario(tree, name) for name in mine}))
+    again = {name: load_scenario(parse(text, "own"), name, allow_imports=["tests"]).analyses["mine"] for name in mine}
+    assert again == {"a": MyAnalysis(seen=[1]), "b": Other(share=0.25)}
+
+
 @pytest.mark.parametrize("method", ["metrics", "figures"])
 def test_an_analysis_that_raises_is_one_line(method, tmp_path, request):
     if method == "metrics":
@@ -358,9 +374,13 @@ def test_an_analysis_that_raises_is_one_line(method, tmp_path, request):
         pass
 
     setattr(Raises, method, lambda *_: {}["no such signal"])
-    said = rf"analyses\.mine: {method} raised KeyError: 'no such signal'"
-    with pytest.raises(RunFailedError, match=said):
+    where = r" \(test_objects\.py:\d+\); .*log .* in .*run\.failed$"
+    said = rf"analyses\.mine: {method} raised KeyError: 'no such signal'{where}"
+    with pytest.raises(StoppedRunError, match=said) as caught:
         fc.run(Scenario(duration=0.02, analyses={"mine": Raises()}), out=tmp_path / "run")
+    assert caught.value.directory == tmp_path / "run.failed"
+    assert (caught.value.directory / "log.nc").exists()
+    assert caught.value.log["contact_force"].size == 11
 
 
 def test_a_loaded_variant_is_what_runs_with_all_that_was_changed_in_it():

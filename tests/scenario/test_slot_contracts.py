@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 from pydrake.systems.primitives import Gain
 
@@ -157,6 +158,8 @@ class Fault:
     [
         (("melted", 0.0, 1.0, 0), "station.faults.0.kind: unknown kind 'melted'"),
         (("nan", float("nan"), 1.0, 0), "station.faults.0.start = nan: must be a finite number"),
+        (("frozen", 1.0, 0.5, 0), "station.faults.0.end = 0.5: must be after start = 1 s"),
+        (("frozen", 0.0, float("nan"), 0), "station.faults.0.end = nan: must be after start = 0 s"),
         (("frozen", 0.0, 1.0, 99), "station.faults.0.joint = 99: must be from 0 to 13"),
         (("frozen", 0.0, 1.0, "left_joint_1"), "station.faults.0.joint = 'left_joint_1': must be from 0 to 13"),
     ],
@@ -221,7 +224,7 @@ class Asks(StepConfig):
         return self.largest
 
 
-@pytest.mark.parametrize("largest", [-1.0, -float("inf")])
+@pytest.mark.parametrize("largest", [-1.0, -float("inf"), float("nan")])
 def test_a_reference_asks_for_no_negative_force(largest: float) -> None:
     reference = Asks(force=5.0)
     reference.largest = largest
@@ -229,10 +232,27 @@ def test_a_reference_asks_for_no_negative_force(largest: float) -> None:
     assert told in refusal("reference", reference)
 
 
+def test_a_largest_force_beyond_the_range_is_told_of_the_reference_unless_it_is_its_key() -> None:
+    reference = Asks(force=5.0)
+    reference.largest = 500.0
+    told = "reference: its largest force is 500 N: must be at most the sensor's range, 400 N"
+    assert told in refusal("reference", reference)
+    assert "reference.force = 500.0: must be at most the sensor's range" in refusal(
+        "reference", StepConfig(force=500.0)
+    )
+
+
+@pytest.mark.parametrize("number", [np.int64, np.float32, int])
+def test_a_largest_force_may_be_any_number(number: Any) -> None:
+    reference = Asks(force=5.0)
+    reference.largest = number(5)
+    fc.build({"station": {"fidelity": "OneDimensional"}, "reference": reference})
+
+
 @pytest.mark.parametrize(
     ("answer", "told"),
     [
-        (KeyError("force"), "analyses.a: metrics raised KeyError: 'force'"),
+        (KeyError("force"), "analyses.a: metrics raised KeyError: 'force' (test_slot_contracts.py:"),
         ({"peak": "high"}, "analyses.a: metric peak = 'high': must be a number or None"),
     ],
 )

@@ -52,6 +52,7 @@ class Claim:
         directory: where the results will be.
         results: the folder that they are written to until then.
         settled: where finished variants of an ended process are kept; None where there were none.
+        failed: where results are kept that could not be written to their end; None: none.
 
     Raises:
         BadInputError: see `claimed`.
@@ -60,6 +61,7 @@ class Claim:
     def __init__(self, directory: Path, force: bool = False):
         check_free(directory, force)
         self.directory = directory.resolve() if os.path.islink(directory) else directory
+        self.failed: Path | None = None
         self._force, self._partial, self._held = force, partial_of(self.directory), contextlib.ExitStack()
         self.results, self._earlier = self._partial / RESULTS, self._partial / _EARLIER
         with Interrupts(held=True):
@@ -94,7 +96,7 @@ class Claim:
     def write(self, fill: Callable[[Path], None], ending: str = "") -> Path:
         """Let `fill` write the results, then rename them to the directory.
 
-        What `fill` has written before an error is kept as `<name>.failed`.
+        What `fill` has written before an error is kept as `<name>.failed`, the attribute `failed`.
 
         Args:
             fill: called with the folder to write into.
@@ -116,7 +118,7 @@ class Claim:
             except Exception as error:
                 interrupts.check()  # raised while a compiled module is imported, it arrives as another error
                 if not isinstance(error, OSError) and any(self.results.iterdir()):
-                    self._publish(FAILED)
+                    self.failed = self._publish(FAILED)
                 raise
             return self._publish(ending)
 

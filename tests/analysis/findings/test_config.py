@@ -84,7 +84,7 @@ def test_an_analysis_of_ones_own_adds_findings():
     assert fc.run(both, overrides=ignored).findings["default"] == [mine]
     with pytest.raises(RunFailedError, match=r"analyses.own: findings must return a list, not dict"):
         fc.run(calm | {"analyses": {"own": Own({})}})
-    with pytest.raises(RunFailedError, match=r"findings must be a list of RunFinding, not of str"):
+    with pytest.raises(RunFailedError, match=r"analyses.own: findings must be a list of RunFinding, not of str"):
         fc.run(calm | {"analyses": {"own": Own(["warm"])}})
 
 

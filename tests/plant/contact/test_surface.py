@@ -153,7 +153,7 @@ class Own:
         (np.full(20001, np.nan), "must return finite numbers"),
         (np.full(20001, 0.2), "must be in metres, at most 0.05 m, not 0.2"),
         ("high", "must return heights, but raised ValueError"),
-        (KeyError("depth"), "must return heights, but raised KeyError: 'depth'"),
+        (KeyError("depth"), "must return heights, but raised KeyError: 'depth' \\(test_surface.py:"),
     ],
 )
 def test_heights_of_a_users_part_that_cannot_be_used_are_named(values: Any, told: str) -> None:
