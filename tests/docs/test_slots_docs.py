@@ -72,6 +72,18 @@ def test_objects_and_import_paths_give_the_same_run(folder):
         np.testing.assert_array_equal(ours[name].values, theirs[name].values)
 
 
+def test_the_figure_of_the_page_has_a_curve_of_each_variant(folder):
+    analyses = {"peak": importlib.import_module("my_parts").Peak()}
+    variants = {"slow": {"controller.integral_gain": 1.0}, "fast": {"controller.integral_gain": 2.0}}
+    scenario = {"station": {"fidelity": "OneDimensional"}, "duration": 0.2, "analyses": analyses, "variants": variants}
+    result = fc.run(scenario)
+    peak = analyses["peak"]
+    (axes,) = peak.figures(result.log, None, "both")["my_figure"].axes
+    assert [len(line.get_xdata()) for line in axes.lines] == [101, 101]
+    (alone,) = peak.figures(result.log.sel(variant="fast"), None, "one")["my_figure"].axes
+    assert len(alone.lines) == 1
+
+
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", pytest.param("Multibody", marks=pytest.mark.slow)])
 def test_a_surface_of_ones_own_is_pressed_on_in_every_fidelity(folder, fidelity):
     """F = k d^1.5 with the true depth of the links, or the force law would not come to rest at 8 N."""
