@@ -145,9 +145,10 @@ class Assembly:
             elif name in places:
                 exported[name] = self.builder.ExportInput(port, name)
             elif name not in optional_inputs(port.get_system()):
-                known = ", ".join(sorted({*STATION_SIGNALS, *self.signals}))
+                known = ", ".join(sorted({*self.signals, *places}))
+                meaning = f" ({STATION_SIGNALS[name]})" if name in STATION_SIGNALS else ""
                 with about(part):
-                    raise BadInputError(f" reads {name}, which no part outputs: must be one of {known}")
+                    raise BadInputError(f" reads {name}{meaning}, which no part outputs: must be one of {known}")
         for name, port in self.signals.items():
             if name not in _INTERNAL and port.get_data_type() == PortDataType.kVectorValued:
                 self.builder.ExportOutput(port, name)

@@ -254,3 +254,11 @@ DRIVE = Part({"joint_position_command": 6}, {"motor_position": 6, "motor_velocit
 def test_a_name_that_another_block_has_is_refused_of_its_part(parts: Any, told: str) -> None:
     assert told in (text := refusal(scenario() | parts))
     assert text.endswith(": must be a name that no other block there has")
+
+
+def test_a_signal_that_this_station_lacks_is_refused_with_what_it_has() -> None:
+    text = refusal(scenario({"sensors": {"force": force(), "joints": Tagged({}, "JointReadings")}}))
+    told, known = text.split(", which no part outputs: must be one of ")
+    assert told.startswith("scenario: station.sensors.joints reads torque_integral (of the motor torque over time, ")
+    assert {"motor_position", "joint_position_command"} <= set(known.split(", "))
+    assert "torque_integral" not in known
