@@ -302,7 +302,7 @@ def merge(base: Tree, over: Tree) -> Tree:
         for key, value in over.items():
             items[int(key)] = merge(items[int(key)], value)
         return items
-    if not isinstance(base, Tagged) or not isinstance(over, Tagged) or _replaces(over, base):
+    if not isinstance(base, Tagged) or not isinstance(over, Tagged) or replaces(over, base):
         return plain(over)
     result = Tagged(base, base.tag, base.given)
     for key, value in over.items():
@@ -315,7 +315,8 @@ def merge(base: Tree, over: Tree) -> Tree:
     return result
 
 
-def _replaces(over: Tagged, base: Tagged) -> bool:
+def replaces(over: Tagged, base: Tagged) -> bool:
+    """Whether `merge` puts `over` in place of `base` as a whole."""
     return over.given is not None or (over.tag is not None and _is_other_part(over, base))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from forcectl.errors import BadInputError, invalid, show, unknown
-from forcectl.framework.yaml_tree import Tagged, Tree, equal, is_object, merge, nest
+from forcectl.framework.yaml_tree import Tagged, Tree, equal, is_object, merge, nest, replaces
 from forcectl.models import found_beside
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
@@ -123,13 +123,24 @@ class Layers:
         for each in self._overridden:  # of the key, of a part around or inside it; but a whole slot is from the file
             if parts[: len(each)] == each or (len(parts) > 1 and each[: len(parts)] == parts):
                 return "override"
-        given, forced = self._layers[1:-1], self._layers[-1:]
+        given, forced = self._layers[max(self._replaced_by(parts), 1) : -1], self._layers[-1:]
         for length in range(len(parts), 0, -1):
             # Overrides of other keys come last: they count only where no layer but them has the part around both.
             for where, tree in (*reversed(given), *forced):  # a default has the origin of the part around it
                 if _holds(tree, parts[:length]):
                     return where(key)
         return self._file.where(key) if self._variant is None else self._file.where(*self._variant)
+
+    def _replaced_by(self, parts: list[str]) -> int:
+        """Number of the strongest layer that replaces a part around a key: weaker ones say nothing of the key."""
+        merged, found = Tagged(), 0
+        for number, (_, tree) in enumerate(self._layers):
+            for length in range(1, len(parts)):
+                over, base = (_at(each, parts[:length]) for each in (tree, merged))
+                if isinstance(over, Tagged) and isinstance(base, Tagged) and replaces(over, base):
+                    found = number
+            merged = merge(merged, tree)
+        return found
 
     def check_gone(self, tree: Tagged) -> None:
         """BadInputError for a key of an earlier version.
@@ -142,6 +153,13 @@ class Layers:
             around = tree.get(part) if part else tree
             if isinstance(around, Tagged) and name in around:
                 raise BadInputError(f"is no longer a key: {instead}").at(gone, self.where(gone))
+
+
+def _at(tree: Tree, parts: list[str]) -> Tree:
+    """The part of a tree at a key; None where there is none."""
+    for part in parts:
+        tree = tree.get(part) if isinstance(tree, Tagged) else None
+    return tree
 
 
 def _holds(tree: Tree, parts: list[str]) -> bool:

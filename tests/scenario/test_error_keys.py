@@ -9,6 +9,7 @@ import pytest
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.runs.run import run
 from forcectl.scenario.error_keys import located
+from forcectl.scenario.scenario import load_scenario
 
 BAD = """
 controller: !Governed
@@ -140,3 +141,33 @@ def test_a_name_of_the_wrong_kind_is_about_the_key_of_that_kind():
     key, text = caught(Cell(), lambda w: raised(unknown("stiffness set", "b", ["a"])))
     assert key == "robot.stiffness_set"
     assert text == "f.yaml, robot.stiffness_set: robot.stiffness_set: unknown stiffness set 'b': known: a"
+
+
+LAWS = """
+from dataclasses import dataclass
+
+@dataclass
+class One:
+    gain: float = 1.0
+    def add_to(self, builder, model): ...
+
+@dataclass
+class Two:
+    gain: float
+    def add_to(self, builder, model): ...
+"""
+
+
+def test_a_key_that_a_part_lacks_is_not_looked_for_in_the_part_it_replaces(tmp_path):
+    (tmp_path / "of_the_test_laws.py").write_text(LAWS)
+    (tmp_path / "bad.yaml").write_text(
+        "controller: !Import {path: of_the_test_laws:One, parameters: {gain: 1.0}}\n"
+        "variants:\n"
+        "  other: {controller: !Import {path: of_the_test_laws:Two}}\n"
+        "  same: {controller.parameters.gain: high}\n"
+    )
+    missing = r"bad\.yaml:3: variant 'other': controller\.parameters\.gain is missing: must be a number"
+    with pytest.raises(BadInputError, match=missing):
+        load_scenario(tmp_path / "bad.yaml", "other")
+    with pytest.raises(BadInputError, match=r"bad\.yaml:4: variant 'same': controller\.parameters\.gain = 'high'"):
+        load_scenario(tmp_path / "bad.yaml", "same")
