@@ -26,7 +26,7 @@ from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.imports import Imports, allowed_names
-from forcectl.framework.yaml_tree import IMPORT, Tagged, Tree, difference, dump, plain
+from forcectl.framework.yaml_tree import IMPORT, Tagged, difference, dump, plain
 from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
@@ -220,8 +220,7 @@ def load_scenario(
     """
     file = as_file(scenario, allow_imports)
     loaded, _ = _loaded(file, variant, with_shortcuts(overrides, seed, fidelity))
-    names = select_variants(file)
-    name = select_variants(file, variant)[0]
+    names, name = select_variants(file), select_variants(file, variant)[0]
     loaded.variants = {} if name == ONLY_VARIANT else {name: {}}
     loaded.expect = [line for line in loaded.expect if {*line.variants(names).values()} == {name}]
     return loaded
@@ -390,13 +389,10 @@ def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
         leave_out(tree, preset_tree(scenarios[name]))
     base = trees[names[0]]
     lines = zip(scenarios[names[0]].expect, base["expect"], strict=True)
-    base["expect"] = [_without_nulls(part) for line, part in lines if {*line.variants(names).values()} <= {*names}]
+    kept = [part for line, part in lines if {*line.variants(names).values()} <= {*names}]
+    base["expect"] = [Tagged({key: v for key, v in part.items() if v is not None and v != []}) for part in kept]
     for tree in trees.values():
         tree["expect"] = base["expect"]
     if names != [ONLY_VARIANT]:
         base["variants"] = Tagged({name: difference(base, tree) for name, tree in trees.items()})
     return base
-
-
-def _without_nulls(expectation: Tree) -> Tagged:
-    return Tagged({key: value for key, value in expectation.items() if value is not None and value != []})
