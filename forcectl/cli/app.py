@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
 import warnings
@@ -96,6 +97,8 @@ def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
     Args:
         look: called with an error of forcectl or of a full disk, before its line is printed.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):  # Latin-1 or ASCII: print ? for what it lacks, do not end the command
+        sys.stdout.reconfigure(errors="replace")
     # NumPy's overflow warnings would precede the line that names the diverging signal and its time.
     warnings.simplefilter("ignore", RuntimeWarning)
     warnings.filterwarnings("ignore", "Glyph .* missing from font")  # drawn as an empty box

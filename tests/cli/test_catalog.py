@@ -174,3 +174,13 @@ def test_schema_is_printed_or_written(forcectl, tmp_path):
 def test_the_list_says_what_a_part_is_before_what_it_needs(slot, tag):
     text = catalog.first_line(catalog.SLOTS[slot][tag])
     assert not re.match(r"[,;:.]|(of|needs|the default|the same|starts with|One entry|Scenario part)\b", text), text
+
+
+def test_what_the_terminal_cannot_show_is_a_question_mark(tmp_path):
+    (tmp_path / "läuft").mkdir()
+    (tmp_path / "läuft/manifest.json").write_text('{"status": "done"}')
+    command = [sys.executable, "-m", "forcectl", "list", str(tmp_path)]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii", "COLUMNS": "200"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "l?uft" in done.stdout
