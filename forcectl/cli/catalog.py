@@ -76,7 +76,7 @@ def _set_by_the_user() -> list[str]:
     """Modules that the user has allowed for all scenarios."""
     from forcectl.framework.imports import settings_file
 
-    if not settings_file().is_file():
+    if not os.path.isfile(settings_file()):
         return []  # before the slow import below: a list is to appear at once
     from forcectl.scenario.user_settings import user_settings
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -57,7 +58,7 @@ def graph(
         raise BadInputError(f"--format {chosen}: must be that of --out {str(out)!r}, or be left out")
     shown = (named_machine if machine else named_diagram)(scenario, variant, settings, fidelity, allow_imports)
     target = out or Path(f"{shown.name}.{'mmd' if chosen == 'mermaid' else chosen}")
-    device = target.exists() and not target.is_file()  # written to, never replaced by a file
+    device = os.path.exists(target) and not os.path.isfile(target)  # written to, never replaced by a file
     partial = target if device else target.with_name(f".partial-{target.name}")
     with Interrupts():
         try:

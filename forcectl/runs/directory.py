@@ -42,7 +42,7 @@ _PACKAGES = ("drake", "numpy", "scipy", "xarray", "h5netcdf", "h5py")
 
 def is_complete(folder: Path) -> bool:
     """Whether a folder has all files that a run is read from."""
-    return all((folder / name).is_file() for name in DATA[1:])
+    return all(os.path.isfile(folder / name) for name in DATA[1:])
 
 
 def of_analyses(folder: Path) -> list[str]:

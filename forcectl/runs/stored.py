@@ -61,8 +61,10 @@ class StoredRun:
 
         Raises:
             BadInputError: the log has no samples to draw, or is not that of the scenario.
+            StorageError: the figures cannot be written.
         """
         from forcectl.figures.force import write_figures
+        from forcectl.runs.claims.lock import writing
         from forcectl.runs.logs import read_netcdf
         from forcectl.scenario.layers import select_variants
         from forcectl.scenario.scenario import as_file, resolve
@@ -77,8 +79,10 @@ class StoredRun:
         scenario = resolve(file, select_variants(file)[0])
         with _written(self.directory / "log.nc"):
             figures = scenario.figures(log, scenario.title or self.name, self.findings)
-        write_figures(figures, self.directory / "figures")
-        return self.directory / "figures"
+        folder = self.directory / "figures"
+        with writing(folder):
+            write_figures(figures, folder)
+        return folder
 
 
 def read_run(directory: Path) -> StoredRun:

@@ -5,6 +5,7 @@ That is `$XDG_CONFIG_HOME/forcectl/settings.yaml`, and `~/.config/forcectl/setti
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 from forcectl.errors import BadInputError
@@ -27,13 +28,13 @@ class UserSettings(Config):
 
 
 def user_settings() -> UserSettings:
-    """The user's settings; the defaults where there is no file.
+    """The user's settings; the defaults where there is no file, or its folder may not be entered.
 
     Raises:
         BadInputError: the file cannot be read, or holds an unknown key or a wrong value.
     """
     file = settings_file()
-    if not file.is_file():
+    if not os.path.isfile(file):  # `Path.is_file` raises where the folder may not be entered
         return UserSettings()
     try:
         text = yaml_text(file)

@@ -282,7 +282,7 @@ def identity_of(folder: Path) -> dict[str, Any]:
         found: dict[str, Any] = json.loads((folder / IDENTITY).read_text(encoding="utf-8"))
         made = found["format"]
     except OSError:
-        kind = "is not the results directory of a sweep" if folder.is_dir() else "does not exist"
+        kind = "is not the results directory of a sweep" if os.path.isdir(folder) else "does not exist"
         raise BadInputError(f"{str(folder)!r} {kind}: must hold {IDENTITY}") from None
     except (ValueError, KeyError, TypeError):
         raise BadInputError(f"{str(folder / IDENTITY)!r} is damaged: start the sweep again elsewhere") from None

@@ -8,6 +8,7 @@ import xarray as xr
 
 import forcectl as fc
 from forcectl.errors import BadInputError
+from forcectl.runs.claims.lock import StorageError
 from forcectl.runs.stored import read_run
 
 
@@ -69,4 +70,11 @@ def test_a_log_of_something_else_is_not_drawn(run, change):
     (run / "log.nc").unlink()
     change(log).to_netcdf(run / "log.nc")
     with pytest.raises(BadInputError, match=r"log\.nc' must be|log\.nc': time must|no samples"):
+        read_run(run).draw()
+
+
+def test_figures_that_cannot_be_written_are_one_line(run):
+    shutil.rmtree(run / "figures")
+    (run / "figures").write_text("a file")
+    with pytest.raises(StorageError, match=r"figures' cannot be written: File exists"):
         read_run(run).draw()
