@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -263,5 +264,7 @@ def draw_all() -> dict[str, str]:
 
 
 if __name__ == "__main__":
+    if find_spec("manifold3d") is None:
+        raise SystemExit("error: drawing parts needs manifold3d: install it with pip install 'forcectl[test]'")
     for path, text in draw_all().items():
         (Path(__file__).parent / "parts" / path).write_text(text, encoding="utf-8")

@@ -1,5 +1,6 @@
 """The parts of assemblies: drawn as committed, closed, of the sizes they say, ready for hydroelastic contact."""
 
+import runpy
 from collections import Counter
 
 import numpy as np
@@ -31,6 +32,12 @@ def test_drawing_again_gives_the_same_bytes():
     assert {f"meshes/{name}.obj" for name in SHAPES} <= drawn.keys()
     for path, text in drawn.items():
         assert (PARTS / path).read_bytes() == text.encode(), path
+
+
+def test_drawing_without_the_mesh_library_names_the_extra(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(SystemExit, match=r"needs manifold3d: install it with pip install 'forcectl\[test\]'"):
+        runpy.run_path(str(models_folder() / "make_parts.py"), run_name="__main__")
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -78,6 +78,12 @@ def test_the_wheel_holds_nothing_else(archives):
     assert {n for n in names - expected_files(archives.copy) if Path(n).suffix not in NOT_SHIPPED} == set()
 
 
+def test_the_source_archive_holds_no_part_of_the_tests(archives):
+    """All of them or none: setuptools adds `tests/test_*.py` alone, which need the rest."""
+    with tarfile.open(archives.sdist) as archive:
+        assert [name for name in archive.getnames() if Path(name).parts[1:2] == ("tests",)] == []
+
+
 def test_metadata_names_the_command_the_plugin_and_the_licence(archives):
     wheel = zipfile.ZipFile(archives.wheel)
     text = {Path(n).name: wheel.read(n).decode() for n in wheel.namelist() if ".dist-info/" in n}

@@ -17,6 +17,7 @@ from forcectl.scenario import catalog
 ROOT = Path(__file__).resolve().parents[2]
 THIS = Path(__file__).relative_to(ROOT)
 TOP_LEVEL = {"benchmarks", "diagrams", "docs", "experiments", "forcectl", "models", "tests", ".ci", ".github"}
+PACKAGES = {"forcectl", "diagrams", "models", "experiments"}
 LINES_PER_FILE = 400
 FILES_PER_ROOM = 15
 PLACEHOLDER = r"\b(?:TO" r"DO|FIX" r"ME|XX" r"X)\b"
@@ -241,6 +242,24 @@ def test_every_dependency_is_locked():
     entries = hashed.replace(" \\\n    ", " ").splitlines()
     assert [re.sub(r" --hash=sha256:[0-9a-f]{64}(?= |$)", "", entry) for entry in entries] == lines
     assert all(entry.count(" --hash=") >= 1 for entry in entries)
+
+
+def test_every_package_that_is_imported_is_declared():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = [r for extra in project["optional-dependencies"].values() for r in extra]
+    named = " ".join(r.partition(">")[0] for r in project["dependencies"] + extras)
+    declared = set(re.findall(r"[\w-]+", named))  # of h5netcdf[h5py] both
+    distributions = {"pydrake": "drake", "yaml": "pyyaml"}  # where the name differs
+    imported = set()
+    for file in (path for path in tracked() if path.suffix == ".py" and path.parts[0] in PACKAGES):
+        for node in ast.walk(ast.parse((ROOT / file).read_text())):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add(str(node.module).partition(".")[0])
+    outside = imported - set(sys.stdlib_module_names) - {"forcectl"}
+    assert {"numpy", "pydrake", "distributed"} <= outside
+    assert {distributions.get(name, name) for name in outside} - declared == set()
 
 
 def fillers() -> tuple[set[str], set[str]]:
