@@ -88,9 +88,9 @@ $(VENV)/.installed: $(VENV)/.made pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/.installed-test: $(VENV)/.installed
-	$(PIP) --editable ".[control,sweep,test]"
+	$(PIP) --editable ".[sweep,test]"
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed-test
-	$(PIP) --editable ".[control,sweep,test,dev]"
+	$(PIP) --editable ".[sweep,test,dev]"
 	@touch $@

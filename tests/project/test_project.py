@@ -244,7 +244,7 @@ def test_every_dependency_is_locked():
     assert all(entry.count(" --hash=") >= 1 for entry in entries)
 
 
-def test_every_package_that_is_imported_is_declared():
+def test_every_package_that_is_imported_is_declared_and_every_extra_is_used():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = [r for extra in project["optional-dependencies"].values() for r in extra]
     named = " ".join(r.partition(">")[0] for r in project["dependencies"] + extras)
@@ -260,6 +260,8 @@ def test_every_package_that_is_imported_is_declared():
     outside = imported - set(sys.stdlib_module_names) - {"forcectl"}
     assert {"numpy", "pydrake", "distributed"} <= outside
     assert {distributions.get(name, name) for name in outside} - declared == set()
+    for_users = {name: set(re.findall(r"[\w-]+", " ".join(r))) for name, r in project["optional-dependencies"].items()}
+    assert [name for name in for_users.keys() - {"test", "dev"} if not for_users[name] & outside] == []
 
 
 def fillers() -> tuple[set[str], set[str]]:
