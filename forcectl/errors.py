@@ -104,6 +104,11 @@ def place_in_code(error: BaseException) -> str:
     return found
 
 
+def raised(error: BaseException, longest: int | None = None) -> str:
+    """What a user's code raised, as `one_line`, and where, as `place_in_code`."""
+    return f"{one_line(error, longest)}{place_in_code(error)}"
+
+
 def invalid(key: str, value: object, allowed: str) -> BadInputError:
     """The error for a value that is not allowed: `key = value: must be ...`."""
     return BadInputError(f" = {show(value)}: must be {allowed}", key=key, value=value, allowed=allowed)

@@ -10,7 +10,7 @@ from typing import Any
 from pydrake.systems.framework import System
 
 from forcectl.doctor.loops import loop_behind
-from forcectl.errors import BadInputError, invalid, one_line, place_in_code
+from forcectl.errors import BadInputError, invalid, raised
 from forcectl.framework.imports import Imports
 from forcectl.framework.wiring import made_by
 from forcectl.framework.yaml_tree import nest, parse
@@ -136,7 +136,7 @@ def _call_for_diagram(path: str) -> System:
     except BaseException as error:  # the user's function may raise anything
         if (loop := loop_behind(error)) is not None:
             raise BadInputError(f" = {path!r}: {loop.text}", key="diagram") from error
-        raise BadInputError(f"{wanted}, but raised {one_line(error)}{place_in_code(error)}", key="diagram") from error
+        raise BadInputError(f"{wanted}, but raised {raised(error)}", key="diagram") from error
     if not isinstance(diagram, System):
         raise BadInputError(f"{wanted}, not {type_in_words(diagram)}", key="diagram")
     return diagram

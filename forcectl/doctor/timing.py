@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from forcectl.doctor.report import Finding, error, info, warning
 from forcectl.doctor.values import LONGEST
-from forcectl.errors import one_line, place_in_code
+from forcectl.errors import raised
 from forcectl.framework.wiring import optional_inputs
 from forcectl.inspect.events import PeriodicEvent, Timing
 from forcectl.inspect.start import StartValues
@@ -25,7 +25,7 @@ def failed_updates(values: StartValues, timing: Timing) -> Iterator[Finding]:
             yield info("timing-unknown", path, text)
             continue
         text = "its updates fail when the block runs alone from its start values"
-        yield error("update-raises", path, f"{text}: {one_line(failure, LONGEST)}{place_in_code(failure)}")
+        yield error("update-raises", path, f"{text}: {raised(failure, LONGEST)}")
 
 
 def timing_findings(events: tuple[PeriodicEvent, ...]) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from forcectl.doctor.report import Finding, error, info
-from forcectl.errors import one_line, place_in_code
+from forcectl.errors import raised
 from forcectl.inspect.start import FAILURES, StartValues
 from forcectl.inspect.wiring import PortAddress, Wiring, context_of, is_vector
 
@@ -32,8 +32,7 @@ def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
             try:
                 value = port.Eval(context)
             except FAILURES as failure:
-                why = f"{one_line(failure, LONGEST)}{place_in_code(failure)}"
-                bad[output] = f"cannot be computed at t = 0: {why}"
+                bad[output] = f"cannot be computed at t = 0: {raised(failure, LONGEST)}"
                 continue
             if not np.all(np.isfinite(value)):
                 bad[output] = f"is not finite at t = 0: {np.array2string(np.asarray(value), threshold=8)}"

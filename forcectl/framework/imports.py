@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, invalid, one_line, place_in_code, show, unknown
+from forcectl.errors import BadInputError, invalid, raised, show, unknown
 
 OPTION = "--allow-imports"
 _NAMED = 12  # largest number of a module's names in a message
@@ -113,8 +113,7 @@ class Imports:
         except (BadInputError, KeyboardInterrupt):
             raise
         except BaseException as error:  # the module may raise anything
-            why = f"{one_line(error)}{place_in_code(error)}"
-            raise BadInputError(f" = {show(path)}: must be importable, but: {why}", key=key) from error
+            raise BadInputError(f" = {show(path)}: must be importable, but: {raised(error)}", key=key) from error
         home = str(getattr(found, "__module__", None) or type(found).__module__) if callable(found) else module
         if _is_standard(home):
             raise invalid(key, path, _STANDARD)

@@ -276,7 +276,7 @@ def verdicts_on(chosen: Chosen, outcomes: Sequence[VariantOutcome]) -> list[Verd
     return [
         judge(expectation, metrics, names, first.fidelity, distance, first.fidelities)
         for expectation in first.expect
-        if set(expectation.variants(names).values()) <= set(chosen.scenarios)
+        if expectation.is_of(chosen.scenarios, names)
     ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -194,6 +194,10 @@ class Expectation(Config):
             if term is not None:
                 found[f"{name}.variant"] = term.variant if term.variant is not None else own
         return found
+
+    def is_of(self, chosen: Collection[str], names: Sequence[str]) -> bool:
+        """Whether each term is of one of the chosen variants."""
+        return all(name in chosen for name in self.variants(names).values())
 
 
 Judged = tuple[tuple[str, str], ...]  # dotted key of a metric, and the metric

@@ -21,7 +21,7 @@ from forcectl.analysis.slot import check_figures, check_findings, check_metrics,
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.model import ModelConfig, Setting
 from forcectl.diagrams.station import StationConfig
-from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, place_in_code
+from forcectl.errors import BadInputError, RunFailedError, invalid, place_in_code, raised
 from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, slot
@@ -185,7 +185,7 @@ class Scenario(Config):
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # a user's analysis may raise anything
-            raise RunFailedError(f"analyses.{name}: {method} raised {one_line(error)}{place_in_code(error)}") from error
+            raise RunFailedError(f"analyses.{name}: {method} raised {raised(error)}") from error
         if not isinstance(found, kind):
             wanted = f"a {kind.__name__.lower()}"
             raise RunFailedError(f"analyses.{name}: {method} must return {wanted}, not {type(found).__name__}")
@@ -219,10 +219,10 @@ def load_scenario(
         BadInputError: something in it cannot be used.
     """
     file = as_file(scenario, allow_imports)
-    loaded, _ = _loaded(file, variant, with_shortcuts(overrides, seed, fidelity))
-    names, name = select_variants(file), select_variants(file, variant)[0]
+    name, names = select_variants(file, variant)[0], select_variants(file)
+    loaded = resolve(file, name, with_shortcuts(overrides, seed, fidelity))
     loaded.variants = {} if name == ONLY_VARIANT else {name: {}}
-    loaded.expect = [line for line in loaded.expect if {*line.variants(names).values()} == {name}]
+    loaded.expect = [line for line in loaded.expect if line.is_of([name], names)]
     return loaded
 
 
@@ -389,7 +389,7 @@ def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
         leave_out(tree, preset_tree(scenarios[name]))
     base = trees[names[0]]
     lines = zip(scenarios[names[0]].expect, base["expect"], strict=True)
-    kept = [part for line, part in lines if {*line.variants(names).values()} <= {*names}]
+    kept = [part for line, part in lines if line.is_of(names, names)]
     base["expect"] = [Tagged({key: v for key, v in part.items() if v is not None and v != []}) for part in kept]
     for tree in trees.values():
         tree["expect"] = base["expect"]

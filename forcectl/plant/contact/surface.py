@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.arrays import Array
-from forcectl.errors import BadInputError, invalid, one_line, place_in_code
+from forcectl.errors import BadInputError, invalid, raised
 from forcectl.framework.block import PythonBlock
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.files.series_file import check_meets, check_steepest, read_series
@@ -362,7 +362,7 @@ class SurfaceConfig(Config, in_batches=True):
             except BadInputError as error:
                 raise error.at(f"{place}.{error.key}") from None
             except Exception as error:  # a user's part may raise anything
-                text = f"heights(s) must return heights, but raised {one_line(error)}{place_in_code(error)}"
+                text = f"heights(s) must return heights, but raised {raised(error)}"
                 raise BadInputError(text, key=place) from error
             if z.shape != s.shape or not np.isfinite(z).all():
                 wanted = f"finite numbers of shape {s.shape}, like s"
