@@ -19,7 +19,7 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 
 from forcectl.arrays import Array
-from forcectl.conventions import SIGNAL_UNITS, SIGNALS, TRUTH, unit_of
+from forcectl.conventions import SIGNAL_UNITS, SIGNALS, TASK_COORDINATE, TRUTH, unit_of
 from forcectl.diagrams.chain import check_stability
 from forcectl.diagrams.components import components_of
 from forcectl.diagrams.derived import SOURCES, Derived, joint_and_tool_signals
@@ -129,6 +129,16 @@ class Loop(LoggedLoop):
     def workcell(self) -> Workcell:
         """The workcell."""
         return self.setting.workcell
+
+    def task_starts(self) -> dict[str, tuple[float, str]]:
+        """Coordinates of the tasks in the start posture, each with its unit, by name; empty without tasks."""
+        signal = self.signals.get("task_position")
+        if signal is None or signal.dimension != TASK_COORDINATE:
+            return {}
+        logged = self.diagram.GetSubsystemByName("log_signals")
+        port = logged.get_input_port(list(self.signals).index("task_position"))
+        values = port.Eval(logged.GetMyContextFromRoot(self.diagram.CreateDefaultContext()))
+        return dict(zip(signal.labels or (), zip(values.tolist(), signal.units, strict=True), strict=True))
 
     def derived(self, values: Array, probed: Mapping[str, Derived]) -> dict[str, Derived]:
         """Signals that follow from the log (n, k) and from the samples of the probes, by name.

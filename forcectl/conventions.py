@@ -105,6 +105,9 @@ SIGNALS: dict[str, Signal] = {
     ),
 }
 
+# Dimension of the coordinates of all tasks in a log.
+TASK_COORDINATE = "task_coordinate"
+
 # Components of a wrench.
 WRENCH_PARTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 

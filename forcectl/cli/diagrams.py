@@ -100,7 +100,7 @@ def check(
 
     Example: forcectl check fig_2_7 --from station.measured_force --to station.joint_position_command
     """
-    from forcectl.cli.target import info_lines, named_diagram
+    from forcectl.cli.target import info_lines, named_diagram, start_lines
     from forcectl.doctor import examine, render
     from forcectl.runs.entry import margins_of
     from forcectl.runs.run import assumed_of
@@ -110,10 +110,11 @@ def check(
     report = examine(shown.content, sensor=source, command=target, scheme=scheme)
     margins = margins_of(shown.chosen) if shown.chosen and (as_json or not quiet) else []
     if as_json:
-        echo_json({**report.to_dict(), "margins": [each.to_dict() for each in margins]})
+        starts = {name: value for name, (value, _) in shown.task_starts.items()}
+        echo_json(report.to_dict() | {"margins": [each.to_dict() for each in margins], "task_starts": starts})
     elif not quiet:
         render(report, terminal(), verbose=verbose)
-        for line in (*margins, *shown.code, *info_lines(shown)):
+        for line in (*margins, *start_lines(shown), *shown.code, *info_lines(shown)):
             typer.echo(line)
         if shown.chosen:
             print_assumed(assumed_of(shown.chosen.first))

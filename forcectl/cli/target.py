@@ -51,6 +51,7 @@ class Shown:
         code: lines that list the code it names outside of forcectl; see `forcectl.scenario.code`.
         chosen: the scenario; None for an import path.
         signals: names of the signals of the loop, by variant, of every variant that was built.
+        task_starts: coordinates of the tasks of the first variant in the start posture, each with its unit, by name.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Shown:
     code: list[str]
     chosen: Chosen | None = None
     signals: Mapping[str, set[str]] = field(default_factory=dict)
+    task_starts: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
 
 def named_diagram(
@@ -85,8 +87,8 @@ def named_diagram(
     if ":" in target and not os.path.exists(target):  # not a file with a colon in its name
         return Shown(target.rpartition(":")[2], _call_for_diagram(target), code_lines({"": target}))
     chosen = choose(target, variant, parse_settings(settings), None, fidelity, allow or (), whole=whole)
-    content, signals = chosen.looked_through()
-    return Shown(chosen.file.name, content, _code(chosen), chosen, signals)
+    loop, signals = chosen.looked_through()
+    return Shown(chosen.file.name, loop.diagram, _code(chosen), chosen, signals, loop.task_starts())
 
 
 def named_machine(
@@ -121,6 +123,15 @@ def info_lines(shown: Shown) -> list[str]:
     scenarios = shown.chosen.scenarios
     lines = [f"info: {line}" for name, found in shown.signals.items() for line in unread(scenarios[name], found)]
     return [*gains_lines(shown.chosen.first), *dict.fromkeys(lines)]
+
+
+def start_lines(shown: Shown) -> list[str]:
+    """A line for each task of the first variant, on where it starts."""
+    coordinates: dict[str, list[str]] = {}
+    for name, (value, unit) in shown.task_starts.items():
+        task, _, coordinate = name.rpartition(".")
+        coordinates.setdefault(task, []).append(f"{coordinate} {round(value, 4) + 0.0:g} {unit}")
+    return [f"task {task} starts at {', '.join(each)}" for task, each in coordinates.items()]
 
 
 def _call_for_diagram(path: str) -> System:

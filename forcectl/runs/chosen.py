@@ -79,14 +79,14 @@ class Chosen:
         Raises:
             BadInputError: a variant cannot be built.
         """
-        return self.looked_through()[0]
+        return self.looked_through()[0].diagram
 
-    def looked_through(self) -> tuple[Diagram, dict[str, set[str]]]:
-        """As `diagram`; and the names of the signals of the loop of every variant."""
+    def looked_through(self) -> tuple[Loop, dict[str, set[str]]]:
+        """The loop of the first variant, as for `diagram`; the names of the signals of the loops of all variants."""
         loops = ((variant, self.build(variant)) for variant in self.scenarios)
         variant, first = next(loops)
         signals = {variant: set(first.signals)} | {other: set(loop.signals) for other, loop in loops}
-        return first.diagram, signals
+        return first, signals
 
     def check_changes(self) -> None:
         """Refuse changes that would make variants the same under different names.

@@ -250,6 +250,15 @@ def test_graph_writes_into_a_pipe_or_device_and_never_in_its_place(forcectl, tmp
     assert (tmp_path / "pipe").is_fifo()
 
 
+def test_check_tells_where_tasks_start(forcectl):
+    starts = json.loads(forcectl("check", "fig_5_3", "--json")[1])["task_starts"]
+    log = fc.run("fig_5_3", variant="links", overrides={"duration": 0.02, "expect": []}).log
+    tools = log["tool_position"].values[0]  # in truth, on elastic joints that the arms' weight bends
+    told = [starts[f"{arm}.{axis}"] for arm in ("left", "right") for axis in "xyz"]
+    assert told == pytest.approx(tools, abs=5e-4)
+    assert list(starts) == log["task_coordinate"].values.tolist()
+
+
 def test_graph_and_check_take_a_diagram_of_the_users_own(forcectl, tmp_path):
     (tmp_path / "own_diagrams.py").write_text(OWN)
     assert forcectl("graph", "own_diagrams:sound", "--format", "dot")[0] == 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from forcectl.conventions import WRENCH_PARTS, Components
+from forcectl.conventions import TASK_COORDINATE, WRENCH_PARTS, Components
 from forcectl.tasks.coordinates import ArmTask
 
 # Units of positions and of angles, by port.
@@ -29,7 +29,7 @@ def task_components(tasks: Mapping[str, ArmTask]) -> dict[str, Components]:
     labels = tuple(f"{name}.{coordinate}" for name, task in tasks.items() for coordinate in task.coordinates)
     angular = [turns for task in tasks.values() for turns in task.angular]
     found = {
-        port: Components("task_coordinate", labels, tuple(units[int(turns)] for turns in angular))
+        port: Components(TASK_COORDINATE, labels, tuple(units[int(turns)] for turns in angular))
         for port, units in _UNITS.items()
     }
     wrenches = tuple(f"{name}.{part}" for name in tasks for part in WRENCH_PARTS)

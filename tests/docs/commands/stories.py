@@ -241,6 +241,9 @@ STORIES = {
         Step("forcectl run own.yaml", (), code=2, says="shown"),
     ), page="index.md", files={"own.yaml": OWN}),
     "touch": Story((
+        Step("forcectl check touch.yaml",
+             ("task touch starts at x -0.0236 m, y 0.3853 m, z 0.206 m, phi 0 rad, theta 0 rad, psi 0 rad",
+              "task rest starts at x 0.1046 m, y -0.2416 m, z 0.1241 m, phi 0 rad, theta 0 rad, psi 0 rad")),
         Step("forcectl run touch.yaml --out runs/touch --replay",
              ("ended", f"results in runs/touch: {RUN}, replay.html"),
              check=draws("runs/touch/replay.html", "<html")),
