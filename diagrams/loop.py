@@ -131,9 +131,9 @@ class Loop(LoggedLoop):
         return self.setting.workcell
 
     def task_starts(self) -> dict[str, tuple[float, str]]:
-        """Coordinates of the tasks in the start posture, each with its unit, by name; empty without tasks."""
+        """Coordinates of the tasks in the start posture, with units, by name; empty where none are declared."""
         signal = self.signals.get("task_position")
-        if signal is None or signal.dimension != TASK_COORDINATE:
+        if signal is None or signal.dimension != TASK_COORDINATE or not signal.units:
             return {}
         logged = self.diagram.GetSubsystemByName("log_signals")
         port = logged.get_input_port(list(self.signals).index("task_position"))
