@@ -109,12 +109,13 @@ def check(
     shown = named_diagram(scenario, variant, settings, fidelity, allow_imports, whole=True)
     report = examine(shown.content, sensor=source, command=target, scheme=scheme)
     margins = margins_of(shown.chosen) if shown.chosen and (as_json or not quiet) else []
+    starts = shown.loop.task_starts() if shown.loop and (as_json or not quiet) else {}
     if as_json:
-        starts = {name: value for name, (value, _) in shown.task_starts.items()}
-        echo_json(report.to_dict() | {"margins": [each.to_dict() for each in margins], "task_starts": starts})
+        numbers = {name: value for name, (value, _) in starts.items()}
+        echo_json(report.to_dict() | {"margins": [each.to_dict() for each in margins], "task_starts": numbers})
     elif not quiet:
         render(report, terminal(), verbose=verbose)
-        for line in (*margins, *start_lines(shown), *shown.code, *info_lines(shown)):
+        for line in (*margins, *start_lines(starts), *shown.code, *info_lines(shown)):
             typer.echo(line)
         if shown.chosen:
             print_assumed(assumed_of(shown.chosen.first))

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydrake.systems.framework import System
 
+from forcectl.diagrams.loop import Loop
 from forcectl.doctor.loops import loop_behind
 from forcectl.errors import BadInputError, invalid, raised
 from forcectl.framework.imports import Imports
@@ -51,7 +52,7 @@ class Shown:
         code: lines that list the code it names outside of forcectl; see `forcectl.scenario.code`.
         chosen: the scenario; None for an import path.
         signals: names of the signals of the loop, by variant, of every variant that was built.
-        task_starts: coordinates of the tasks of the first variant in the start posture, each with its unit, by name.
+        loop: of the first variant of the scenario; None for an import path.
     """
 
     name: str
@@ -59,7 +60,7 @@ class Shown:
     code: list[str]
     chosen: Chosen | None = None
     signals: Mapping[str, set[str]] = field(default_factory=dict)
-    task_starts: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    loop: Loop | None = None
 
 
 def named_diagram(
@@ -88,7 +89,7 @@ def named_diagram(
         return Shown(target.rpartition(":")[2], _call_for_diagram(target), code_lines({"": target}))
     chosen = choose(target, variant, parse_settings(settings), None, fidelity, allow or (), whole=whole)
     loop, signals = chosen.looked_through()
-    return Shown(chosen.file.name, loop.diagram, _code(chosen), chosen, signals, loop.task_starts())
+    return Shown(chosen.file.name, loop.diagram, _code(chosen), chosen, signals, loop)
 
 
 def named_machine(
@@ -125,10 +126,10 @@ def info_lines(shown: Shown) -> list[str]:
     return [*gains_lines(shown.chosen.first), *dict.fromkeys(lines)]
 
 
-def start_lines(shown: Shown) -> list[str]:
-    """A line for each task of the first variant, on where it starts."""
+def start_lines(starts: Mapping[str, tuple[float, str]]) -> list[str]:
+    """A line for each task on where it starts, see `Loop.task_starts`."""
     coordinates: dict[str, list[str]] = {}
-    for name, (value, unit) in shown.task_starts.items():
+    for name, (value, unit) in starts.items():
         task, _, coordinate = name.rpartition(".")
         coordinates.setdefault(task, []).append(f"{coordinate} {round(value, 4) + 0.0:g} {unit}")
     return [f"task {task} starts at {', '.join(each)}" for task, each in coordinates.items()]

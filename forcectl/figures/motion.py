@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from forcectl.conventions import TASK_COORDINATE
 from forcectl.figures.file_names import file_names
 from forcectl.figures.force import NOTHING, Found, colour_of, legend_above, mark_findings, stacked
 
@@ -18,7 +19,7 @@ _OF_COMPONENTS = {
     "joint": "link_position",
     "arm": "arm_contact_force",
     "wrench_component": "tip_wrench",
-    "task_coordinate": "task_position",
+    TASK_COORDINATE: "task_position",
     "task_wrench_component": "task_wrench",
 }
 
