@@ -261,7 +261,7 @@ class ForceEstimatorConfig(Config):
             still=self.threshold_still * coulomb,
             limit=self.limit_share * robot.limits.torque,
             period=model.period,
-            velocity_bandwidth=model.velocity_bandwidth if np.isfinite(model.velocity_bandwidth) else None,
+            velocity_bandwidth=_bandwidth(model),
             frozen_speed=np.where(np.isfinite(fastest_stop), fastest_stop, _FROZEN),
             largest_acceleration=_JUMP * robot.limits.acceleration,
         )
@@ -312,21 +312,16 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
     )
     slow: float = key(
         0.004,
-        "speed below which a joint may be in static friction and its torque is ignored",
+        "speed over a tick below which a joint may be in static friction and its torque is ignored",
         unit="rad/s",
         bounds="above 0 and at most 10",
     )
     hold: float = key(
-        0.04,
-        "time after a reversal, or a standstill over 60 ms, for which the torque of a moving joint is still ignored",
+        0.008,
+        "time after a reversal or a standstill for which the torque of a moving joint is still ignored; longer for "
+        "joints whose friction takes longer to reach its sliding value",
         unit="s",
         bounds="from 0 to 10",
-    )
-    trust: float = key(
-        0.012,
-        "time constant with which the torque of a joint is used again after the hold time",
-        unit="s",
-        bounds="above 0 and at most 10",
     )
     tare_window: list[float] = key(
         [],
@@ -359,7 +354,7 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
             arm.tcp_frame,
             axes,
             joints=arm.joints,
-            **self._options(model.period),
+            **self._options(model),
         )
 
     def _between(self, model: PlantModel, momentum: MomentumModel) -> WrenchBetweenFilter | None:
@@ -371,8 +366,17 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
                 raise unknown("between", name, list(robot.parts.arms))
         first, second = (robot.parts.arms[name] for name in self.between)
         axes, friction = self._axes(robot, second.tcp_frame), model.friction.scaled(self.friction_scale)
-        return WrenchBetweenFilter(momentum, friction, (first, second), axes, **self._options(model.period))
+        return WrenchBetweenFilter(momentum, friction, (first, second), axes, **self._options(model))
 
-    def _options(self, period: float) -> dict[str, Any]:
-        names = ("moment", "noise", "force_walk", "moment_walk", "bias", "bias_walk", "slow", "hold", "trust")
-        return {name: getattr(self, name) for name in (*names, "tare_window", "tare_change")} | {"period": period}
+    def _options(self, model: PlantModel) -> dict[str, Any]:
+        names = ("moment", "noise", "force_walk", "moment_walk", "bias", "bias_walk", "slow", "hold")
+        return {
+            **{name: getattr(self, name) for name in (*names, "tare_window", "tare_change")},
+            "velocity_bandwidth": _bandwidth(model),
+            "period": model.period,
+        }
+
+
+def _bandwidth(model: PlantModel) -> float | None:
+    """Of the filter of the measured speeds [rad/s]; None where they are not filtered."""
+    return model.velocity_bandwidth if np.isfinite(model.velocity_bandwidth) else None

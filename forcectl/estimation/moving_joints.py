@@ -1,18 +1,23 @@
 """A Kalman filter for external torques that discounts joints which may be in static friction.
 
-    d = A w + b + diag(sign q') c + e,    d = (tau_ext - tau_F) + tau_F(q')
+    d = A w + b + diag(s) c + e,    d = (tau_ext - tau_F) + tau_O + D q' + diag(tau_C) s
 
-d is the torque balance of the momentum observer over a tick, plus the friction (5.2) that is assumed at the joint
-speeds. w is the external load, A its known map to joint torques. b and c are the errors of each joint's model and of
-its Coulomb friction. w, b and c are random walks, e is white noise.
+tau_ext - tau_F is the torque balance of the momentum observer over a tick. To it comes the assumed friction (5.2) of
+joints that slide; s is the direction of each joint, 1 or -1. w is the external load, A its known map to joint torques.
+b and c are the errors of each joint's model and of its Coulomb friction. w, b and c are random walks, e is white noise.
 
-The friction of a joint at rest, or that has just begun to move, may have any value up to Coulomb's. The variance of its
-e is then raised so far that the joint is ignored. The least squares of (5.8) would take its friction for a force.
+The friction of a joint at rest, or in the tick of a reversal, may have any value up to Coulomb's. The variance of its e
+is then raised so far that the joint is ignored. The least squares of (5.8) would take its friction for a force.
+
+Where speeds are filtered, the balance has passed the same filter (see `MomentumObserver`). After a reversal it shows
+the old friction for some ticks, and so does s here: the directions, from the unfiltered positions, pass the filter,
+and with them the share in which a balance contains ticks of unknown friction.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dposv
@@ -21,8 +26,6 @@ from forcectl.arrays import Array
 from forcectl.framework.batch import check
 from forcectl.framework.sampled_block import Memory
 
-_BRIEF = 0.008  # [s] until a joint is used again after a short stop, if it goes on in the same direction
-_STANDSTILL = 0.06  # [s] of standstill after which the waiting time is that of a reversal
 _UNKNOWN = 8.0  # standard deviation of the friction of a joint that may stick / Coulomb friction
 
 
@@ -33,6 +36,7 @@ class MovingJointsEstimate(NamedTuple):
         x: w, b and c, shape (w + 2k,).
         P: their covariance, shape (w + 2k, w + 2k).
         H: d per x, shape (k, w + 2k).
+        d: torque balance with the assumed friction, shape (k,) [Nm].
         ignored: of each joint, from 0 (its torque balance is used in full) to 1 (it is ignored), shape (k,).
         memory: state for the next tick.
     """
@@ -40,8 +44,9 @@ class MovingJointsEstimate(NamedTuple):
     x: Array
     P: Array
     H: Array
+    d: Array
     ignored: Array
-    memory: dict[str, Array]
+    memory: dict[str, Any]
 
 
 class MovingJoints:
@@ -54,10 +59,9 @@ class MovingJoints:
             below 0.7 Nm.
         bias: standard deviation of c at the start / tau_C; that of b is 0.6 of it [1], > 0.
         bias_walk: random walk of b, as the standard deviation of its change in 1 s / tau_C; a quarter for c [1], > 0.
-        slow: speed below which a joint may stick [rad/s], > 0.
-        hold: time after a reversal, or after 60 ms of standstill, for which a moving joint is still ignored [s], >= 0.
-        trust: time constant with which the ignored share then decays [s], > 0. After a shorter stop without a reversal
-            a joint is used again within 8 ms.
+        slow: speed over a tick below which a joint may stick [rad/s], > 0.
+        hold: time after a reversal or a standstill for which a moving joint is still ignored [s], >= 0.
+        velocity_bandwidth: of the filter that speeds and balance have passed [rad/s]; None: no filter.
         period: tick [s].
 
     Raises:
@@ -73,15 +77,20 @@ class MovingJoints:
         bias: float = 0.05,
         bias_walk: float = 0.008,
         slow: float = 0.004,
-        hold: float = 0.04,
-        trust: float = 0.012,
+        hold: float = 0.008,
+        velocity_bandwidth: float | None = None,
         period: float = 0.004,
     ):
         self.k, self.size = len(coulomb), len(walks) + 2 * len(coulomb)
         self._acting = len(walks)
         self._slow, self._wait = check("slow", slow, "positive"), check("hold", hold, "not negative")
-        self._trust, self._period = check("trust", trust, "positive"), check("period", period, "positive")
-        self._again = self._wait + 5.0 * self._trust - _BRIEF
+        self._period = check("period", period, "positive")
+        self._coulomb = coulomb
+        # Of the filter: shares of its last output, of the last input and of this one.
+        self._shares = (0.0, 0.0, 1.0)
+        if velocity_bandwidth is not None:
+            kept = math.exp(-check("velocity_bandwidth", velocity_bandwidth, "positive") * period)
+            self._shares = (kept, 0.5 * (1.0 - kept), 0.5 * (1.0 - kept))
         self._noise = (check("noise", noise, "positive") * np.minimum(1.0, 0.3 + coulomb)) ** 2
         self._unknown = (_UNKNOWN * coulomb) ** 2
         self._fresh = (check("bias", bias, "positive") * coulomb) ** 2
@@ -90,50 +99,69 @@ class MovingJoints:
         # d per x; `tick` fills in the columns of w and c.
         self._features = np.hstack([np.zeros((self.k, len(walks))), np.eye(self.k), np.zeros((self.k, self.k))])
 
-    def start(self) -> dict[str, Array]:
+    def start(self) -> dict[str, Any]:
         """The memory before the first tick."""
         k = self.k
         return {
             "state": np.zeros(self.size),
             "covariance": np.diag(np.concatenate([np.zeros(self._acting), 0.36 * self._fresh, self._fresh])).ravel(),
-            # Of each joint: the direction it last moved in, the time since then, and how long it has been slow.
-            "direction": np.zeros(k),
+            # Of each joint: position in the last tick, whether one is known, and the time since its friction is known.
+            "position": np.zeros(k),
+            "seen": 0.0,
             "since": np.zeros(k),
-            "stood": np.zeros(k),
+            # Direction, and 1 where the friction is unknown: of the last tick, and after the filter of the speeds.
+            "direction": np.zeros(k),
+            "unknown": np.ones(k),
+            "late_direction": np.zeros(k),
+            "ignored": np.ones(k),
         }
 
-    def tick(self, memory: Memory, rows: Array, balance: Array, speed: Array, ok: Array) -> MovingJointsEstimate:
+    def tick(self, memory: Memory, rows: Array, balance: Array, position: Array, ok: Array) -> MovingJointsEstimate:
         """One tick of the filter.
 
         Args:
             memory: of the tick before.
             rows: A, shape (k, w).
-            balance: d, shape (k,) [Nm].
-            speed: of the joints, shape (k,) [rad/s].
+            balance: d without its last term, shape (k,) [Nm].
+            position: of the joints, not filtered, shape (k,) [rad].
             ok: of each joint whether its balance was updated in this tick, shape (k,).
         """
-        slow, direction = np.abs(speed) < self._slow, memory["direction"]
-        turned = ~slow & (np.sign(speed) != direction)
-        direction = np.where(slow, direction, np.sign(speed))
-        since = np.where(turned, 0.0, memory["since"] + self._period)
-        stood = np.where(slow, memory["stood"] + self._period, 0.0)
-        since = np.where(slow, np.where(stood > _STANDSTILL, 0.0, np.minimum(since, self._again)), since)
-        ignored = np.where(slow | (since < self._wait), 1.0, np.exp((self._wait - since) / self._trust))
-        ignored = np.where(ok, ignored, 1.0)
+        last = memory["direction"]
+        moved = memory["seen"] * (position - memory["position"])
+        slow = np.abs(moved) < self._slow * self._period
+        direction = np.where(slow, last, np.sign(moved))
+        starts = slow | (direction != last)
+        since = np.where(starts, 0.0, memory["since"] + self._period)
+        # Half a tick of tolerance for rounding.
+        unknown = np.where(ok, (starts | (since < self._wait - 0.5 * self._period)).astype(float), 1.0)
+        kept, before, now = self._shares
+        late = kept * memory["late_direction"] + before * last + now * direction
+        ignored = kept * memory["ignored"] + before * memory["unknown"] + now * unknown
+        d = balance + self._coulomb * late
 
         m, k, size = self._acting, self.k, self.size
         x, P = memory["state"], memory["covariance"].reshape(size, size).copy()
         P.flat[:: size + 1] += self._walk
         H = self._features.copy()
         H[:, :m] = rows
-        H.flat[m + k :: size + 1] = np.sign(speed)
+        H.flat[m + k :: size + 1] = late
         gained = H @ P
         S = gained @ H.T
         S.flat[:: k + 1] += self._noise + ignored**2 * self._unknown
         _, solved, failed = dposv(S, gained)
         if not failed:
-            x = x + solved.T @ (balance - H @ x)
+            x = x + solved.T @ (d - H @ x)
             P = P - solved.T @ gained
             P = 0.5 * (P + P.T)
-        after = {"state": x, "covariance": P.ravel(), "direction": direction, "since": since, "stood": stood}
-        return MovingJointsEstimate(x, P, H, ignored, after)
+        after = {
+            "state": x,
+            "covariance": P.ravel(),
+            "position": position,
+            "seen": 1.0,
+            "since": since,
+            "direction": direction,
+            "unknown": unknown,
+            "late_direction": late,
+            "ignored": ignored,
+        }
+        return MovingJointsEstimate(x, P, H, d, ignored, after)

@@ -26,7 +26,7 @@ from forcectl.framework.batch import check
 from forcectl.framework.block import scratch
 from forcectl.framework.kernels import all_finite, left_free
 from forcectl.framework.sampled_block import Memory, SampledBlock
-from forcectl.plant.drives.joint_friction import JointFriction, sliding_friction_torque
+from forcectl.plant.drives.joint_friction import JointFriction, viscous_friction_torque
 from forcectl.robot.momentum_model import MomentumModel
 
 _USED = 0.05  # ignored share below which the balance of a joint counts as used
@@ -108,7 +108,7 @@ class MovingJointsFilter(SampledBlock):
     def _wrench(self, unknowns: Array) -> Array:
         """The wrench of w torques and forces, shape (6,), in the axes of the frame [Nm, N]."""
 
-    def _further(self, memory: Memory, rows: Array, balance: Array, estimate: MovingJointsEstimate) -> dict[str, Any]:
+    def _further(self, memory: Memory, rows: Array, estimate: MovingJointsEstimate) -> dict[str, Any]:
         """Further state after the tick."""
         return {}
 
@@ -119,15 +119,15 @@ class MovingJointsFilter(SampledBlock):
         level = inputs["tare"].item() if "tare" in inputs else 0.0
         tare = self._taring.own_memory(memory, level)
         if not all_finite(balance, q, v):
-            return {**memory, **tare}
+            return {**memory, **tare, "seen": 0.0}
         plant = self._scratch.Eval(context)
-        rows, balance = self._rows(plant, q), (balance + sliding_friction_torque(v, self._friction))[mine]
-        estimate = self._filter.tick(memory, rows, balance, v[mine], inputs["reading_ok"][mine] > 0.5)
+        rows, balance = self._rows(plant, q), (balance + viscous_friction_torque(v, self._friction))[mine]
+        estimate = self._filter.tick(memory, rows, balance, q[mine], inputs["reading_ok"][mine] > 0.5)
         shown, tare = self._taring.step(tare, self._wrench(estimate.x[: self._torques + 3]), level)
         rotation = self._frame.CalcRotationMatrix(plant, self._expressed_in).matrix()
         return {
             "wrench": np.concatenate([rotation @ shown[:3], rotation @ shown[3:]]),
-            **self._further(memory, rows, balance, estimate),
+            **self._further(memory, rows, estimate),
             **estimate.memory,
             **tare,
         }
@@ -172,7 +172,7 @@ class WrenchFilter(MovingJointsFilter):
         tare_window: end and begin of the window of `Taring`, as times before now [s]; empty: none.
         tare_change: change of a force from the tare value, above which taring pauses [N], > 0.
         period: tick [s].
-        **joint_options: `noise`, `bias`, `bias_walk`, `slow`, `hold` and `trust` of `MovingJoints`.
+        **joint_options: `noise`, `bias`, `bias_walk`, `slow`, `hold` and `velocity_bandwidth` of `MovingJoints`.
 
     Raises:
         BadInputError: a value out of range, friction of another number of joints, a frame of another plant.
@@ -225,12 +225,12 @@ class WrenchFilter(MovingJointsFilter):
         found[3 - self._torques :] = unknowns
         return found
 
-    def _further(self, memory: Memory, rows: Array, balance: Array, estimate: MovingJointsEstimate) -> dict[str, Any]:
+    def _further(self, memory: Memory, rows: Array, estimate: MovingJointsEstimate) -> dict[str, Any]:
         x, k, m = estimate.x, self._filter.k, self._torques + 3
         settled = memory["settled"] + self._period / (self._period + _SETTLED) * (x[m:] - memory["settled"])
         free, elsewhere = left_free(rows.T, self._pick) if self._pick.size else None, memory["elsewhere"]
         if free is not None and not ((np.abs(free) > _NEEDED).any(axis=1) & (estimate.ignored > _USED)).any():
-            left = free @ (free.T @ (balance - estimate.H[:, m:] @ settled))
+            left = free @ (free.T @ (estimate.d - estimate.H[:, m:] @ settled))
             elsewhere = elsewhere + self._period / (self._period + _LAG) * (left - elsewhere)
         return {
             "wrench_deviation": self._wrench(np.sqrt(np.maximum(np.diag(estimate.P)[:m], 0.0))),

@@ -14,7 +14,7 @@ from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.framework.yaml_tree import Tagged
 from forcectl.motion.joint_path import DitherConfig, JointMovesConfig
 from forcectl.motion.loads import LoadConfig
-from forcectl.plant.drives.joint_friction import JointFriction, sliding_friction_torque
+from forcectl.plant.drives.joint_friction import JointFriction, viscous_friction_torque
 from forcectl.robot.model import RobotModel
 from forcectl.robot.momentum_model import MomentumModel
 from tests.examples.joint_interface_runs import describe
@@ -96,13 +96,12 @@ def test_the_lag_of_the_kalman_filter_is_that_of_its_answer_to_a_step(force_walk
     jacobian = model.jacobian(model.create_context(), q, arm.tcp_frame, arm.tcp_frame)
     pushed, lever = jacobian.T @ wrench, np.linalg.norm(jacobian[4, arm.joints])
     moves = np.ones(robot.num_joints)
-    for name in ("joint_velocity", "reading_ok"):
-        block.GetInputPort(name).FixValue(context, moves)
-    block.GetInputPort("joint_position").FixValue(context, q)
+    block.GetInputPort("reading_ok").FixValue(context, moves)
+    block.GetInputPort("joint_velocity").FixValue(context, 0.01 * moves)
+    opposing = viscous_friction_torque(0.01 * moves, friction) + friction.coulomb
     for tick in range(500):
-        block.GetInputPort("torque_balance").FixValue(
-            context, pushed * (tick >= 250) - sliding_friction_torque(moves, friction)
-        )
+        block.GetInputPort("joint_position").FixValue(context, q + 0.01 * period * tick)
+        block.GetInputPort("torque_balance").FixValue(context, pushed * (tick >= 250) - opposing)
         context.SetTime(tick * period)
         shown.append(block.memory(context)["wrench"][4])
         context.SetDiscreteState(block.EvalUniquePeriodicDiscreteUpdate(context))

@@ -33,10 +33,13 @@ def run(block, duration, *, wrench=WRENCH, stands=(), speed=1.0, friction=COULOM
     moves = np.array([joint not in stands for joint in range(7)])
     found, times = [], np.arange(0.0, duration, PERIOD)
     stuck = np.where(moves, 0.0, 0.8 * COULOMB * draw.choice([-1, 1], 7))
+    within = np.linspace(0.0, PERIOD, 9)[1:]
     for t in times:
         q = MIDDLE + np.where(moves, SPREAD * np.sin(speed * t), 0.0)
         v = np.where(moves, SPREAD * speed * np.cos(speed * t), 0.0)
-        balance = jacobian(q).T @ (wrench * (t >= 0.5)) - friction * np.sign(v) + stuck + noise * draw.normal(size=7)
+        # The friction of a tick is its mean over it.
+        sliding = friction * np.where(moves, np.sign(np.cos(speed * (t - PERIOD + within))).mean(), 0.0)
+        balance = jacobian(q).T @ (wrench * (t >= 0.5)) - sliding + stuck + noise * draw.normal(size=7)
         values = {"joint_position": q, "joint_velocity": v, "torque_balance": balance, "reading_ok": np.ones(7)}
         if changed is not None:
             values |= changed(t, values)
@@ -147,19 +150,51 @@ def test_a_push_on_the_elbow_is_told_apart_from_one_on_the_tool():
     assert on_elbow["torque_elsewhere"][times < 0.7].max() < 1.2 * on_tool["torque_elsewhere"].max()
 
 
-def test_a_joint_that_reverses_is_believed_later_than_one_that_only_stood():
-    def moved(end):
+def test_a_joint_that_has_stood_is_used_again_after_the_hold_time():
+    """The first joint moves, stands for 60 ms from 0.3 s on, and goes on or back."""
+
+    def back_in_use(end, **options):
         def changed(t, values):
-            first = np.arange(7) == 0
-            speed = 0.2 if t < 0.3 else (0.0 if t < 0.31 else end)
-            return {"joint_velocity": np.where(first, speed, values["joint_velocity"])}
+            way = 0.2 * min(t, 0.3) + end * max(t - 0.36, 0.0)
+            return {"joint_position": np.where(np.arange(7) == 0, way, values["joint_position"])}
 
-        times, found = run(WrenchFilter(MODEL, FRICTION, TIP), 0.5, wrench=np.zeros(6), changed=changed)
-        assert found["moving"][np.searchsorted(times, 0.305), 0] == 0
-        return times[(times > 0.32) & (found["moving"][:, 0] == 1)][0]
+        block = WrenchFilter(MODEL, FRICTION, TIP, **options)
+        times, found = run(block, 0.5, wrench=np.zeros(6), changed=changed)
+        assert found["moving"][np.searchsorted(times, 0.298), 0] == 1
+        assert found["moving"][np.searchsorted(times, 0.33), 0] == 0
+        return times[(times > 0.34) & (found["moving"][:, 0] == 1)][0]
 
-    assert moved(0.2) < 0.33
-    assert 0.35 < moved(-0.2) < 0.45
+    for end in (0.2, -0.2):
+        assert 0.364 <= back_in_use(end) < 0.376
+        assert 0.396 < back_in_use(end, hold=0.04) < 0.408
+        # With a filter of the speeds, when the old friction has left it.
+        assert 0.376 < back_in_use(end, velocity_bandwidth=250.0) < 0.392
+
+
+def turning_round(block, bandwidth):
+    """Largest force after all joints turn round at once; readings are filtered as by the joint interface."""
+    context, times = block.CreateDefaultContext(), np.arange(0.0, 0.5, PERIOD)
+    kept = np.exp(-bandwidth * PERIOD)
+    late, before, speed, last, found = np.zeros(7), np.zeros(7), np.zeros(7), MIDDLE, []
+    for t in times:
+        q = MIDDLE + SPREAD * min(t, 0.6 - t)
+        # The torque of the friction in the tick that ends, and the speed in it, pass the filter.
+        friction = COULOMB * np.sign(q - last)
+        late, before = kept * late + 0.5 * (1 - kept) * (friction + before), friction
+        speed, last = kept * speed + (1 - kept) * (q - last) / PERIOD, q
+        values = {"joint_position": q, "joint_velocity": speed, "torque_balance": -late, "reading_ok": np.ones(7)}
+        for name, value in values.items():
+            block.GetInputPort(name).FixValue(context, value)
+        context.SetTime(t)
+        found.append(block.memory(context)["wrench"][3:])
+        context.SetDiscreteState(block.EvalUniquePeriodicDiscreteUpdate(context))
+    return np.abs(np.array(found)[times > 0.3]).max()
+
+
+def test_filtered_balances_show_the_old_friction_for_some_ticks():
+    """A filter that knows the bandwidth takes none of it for a force."""
+    assert turning_round(WrenchFilter(MODEL, FRICTION, TIP, velocity_bandwidth=250.0), 250.0) < 1e-9
+    assert turning_round(WrenchFilter(MODEL, FRICTION, TIP), 250.0) > 0.1
 
 
 def test_a_force_alone_has_no_torque():

@@ -96,17 +96,13 @@ def _finite(name: str, value: ArrayLike, size: int) -> Array:
 
 def friction_torque(speed: Array, friction: JointFriction) -> Array:
     """tau_F of (5.2) [Nm] at joint speeds of shape (..., n) [rad/s]."""
-    return _with_direction(speed, friction, np.tanh(COULOMB_STEEPNESS * speed))
+    return viscous_friction_torque(speed, friction) + friction.coulomb * np.tanh(COULOMB_STEEPNESS * speed)
 
 
-def sliding_friction_torque(speed: Array, friction: JointFriction) -> Array:
-    """tau_F of joints that move: like (5.2), with sign(q') in place of the tanh [Nm]."""
-    return _with_direction(speed, friction, np.sign(speed))
-
-
-def _with_direction(speed: Array, friction: JointFriction, direction: Array) -> Array:
-    viscous = friction.viscous_forward * np.maximum(speed, 0.0) + friction.viscous_backward * np.minimum(speed, 0.0)
-    return friction.offset + friction.coulomb * direction + viscous
+def viscous_friction_torque(speed: Array, friction: JointFriction) -> Array:
+    """tau_F of (5.2) without its Coulomb part: offset and viscous friction [Nm]."""
+    forward, backward = np.maximum(speed, 0.0), np.minimum(speed, 0.0)
+    return friction.offset + friction.viscous_forward * forward + friction.viscous_backward * backward
 
 
 def mean_features(before: Array, after: Array) -> tuple[Array, Array, Array]:
