@@ -24,11 +24,12 @@ from pydrake.systems.framework import DiagramBuilder
 from forcectl.arrays import Array
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.block import PythonDiagram
 from forcectl.framework.fields import Config, key
 from forcectl.framework.linear_batch import state_space
 from forcectl.framework.wiring import export_outputs
+from forcectl.motion.joint_dither import JointDither, JointDitherConfig
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.drives.joint_servo import JointServo
 from forcectl.plant.drives.motor_motion import MotorMotion
@@ -69,6 +70,11 @@ class JointServoConfig(Config):
         unit="1/s",
         bounds="from 1 to 100000",
     )
+    friction_compensation: float = key(
+        0.0,
+        "torque fed forward in the direction of the speed command / Coulomb friction of the joint; 0: none",
+        bounds="from 0 to 1",
+    )
     torque_limits: bool = key(True, "whether motor torques are limited; false: motors without torque limits")
 
 
@@ -88,6 +94,9 @@ class JointInterfaceConfig(Config):
 
     servo: JointServoConfig = key(JointServoConfig, "position loops of the joints")
     friction: JointFrictionConfig = key(JointFrictionConfig, "friction of the joints")
+    dither: JointDitherConfig = key(
+        JointDitherConfig, "small oscillation of all joints, against static friction, that hardly moves the tools"
+    )
 
     moves_links = True  # rigid joints get their torque directly
     # Exact, so true signals of the simulation; blocks that need them get the readings of the interface instead.
@@ -193,8 +202,14 @@ class JointInterface(PythonDiagram):
         super().__init__()
         builder = DiagramBuilder()
         servo = builder.AddNamedSystem("servo", _servo(workcell, config))
-        for name in COMMANDS:
-            builder.ExportInput(servo.GetInputPort(name), name)
+        taken = {name: servo.GetInputPort(name) for name in COMMANDS}
+        if config.dither.amplitude > 0:
+            dither = builder.AddNamedSystem("dither", _dither(workcell, config.dither))
+            for name in COMMANDS[:2]:
+                builder.Connect(dither.GetOutputPort(name), servo.GetInputPort(name))
+                taken[name] = dither.GetInputPort(name)
+        for name, port in taken.items():
+            builder.ExportInput(port, name)
         if workcell.config.elastic_joints:
             motors = builder.AddNamedSystem(
                 "motors",
@@ -238,4 +253,18 @@ def _servo(workcell: Workcell, config: JointInterfaceConfig) -> JointServo:
         start=workcell.motor_start,
         torque=config.resting_torque(workcell),
         substeps=max(1, round(own.rate * workcell.config.time_step)),
+        compensation=own.friction_compensation * config.true_friction(workcell.robot).coulomb,
     )
+
+
+def _dither(workcell: Workcell, config: JointDitherConfig) -> JointDither:
+    with about(config):
+        return JointDither(
+            workcell.robot,
+            workcell.motor_start,
+            amplitude=config.amplitude,
+            frequency=config.frequency,
+            largest_share=config.largest_share,
+            travel_share=config.travel_share,
+            period=workcell.period,
+        )

@@ -1,5 +1,7 @@
 from forcectl.motion.excitation import ExcitationFileConfig as ExcitationFileConfig
 from forcectl.motion.excitation import TrapezoidalMovesConfig as TrapezoidalMovesConfig
+from forcectl.motion.joint_dither import JointDither as JointDither
+from forcectl.motion.joint_dither import JointDitherConfig as JointDitherConfig
 from forcectl.motion.joint_path import DitherConfig as DitherConfig
 from forcectl.motion.joint_path import JointExcitationConfig as JointExcitationConfig
 from forcectl.motion.joint_path import JointMovesConfig as JointMovesConfig

@@ -11,6 +11,7 @@ from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import build_station
 from forcectl.diagrams.workcell import Workcell
 from forcectl.estimation.force_estimator import READINGS, ForceEstimator, ForceEstimatorConfig
+from forcectl.motion.joint_dither import JointDither
 from forcectl.motion.joint_path import JointPath, Move, Sines
 from forcectl.motion.loads import LoadConfig, Loads
 from forcectl.plant.drives.joint_friction import JointFriction
@@ -127,6 +128,19 @@ JOINT_INTERFACE_EXAMPLES: dict[type[System], list[Example]] = {
                     Sines(0.0, 0.04, 0.01, np.array([0.1, 0.2]), np.array([20.0, 30.0]), np.zeros(2)),
                 ],
             )
+        )
+    ],
+    JointDither: [
+        Example(
+            lambda: JointDither(RobotModel.load(ARM, None), workcell().start, amplitude=1e-3),
+            {
+                ("joint_position_command", "joint_position_command"),
+                ("joint_velocity_command", "joint_position_command"),
+                ("joint_position_command", "joint_velocity_command"),
+                ("joint_velocity_command", "joint_velocity_command"),
+            },
+            {"joint_position_command": moved},
+            periods={"period": 0.004},
         )
     ],
     Loads: [

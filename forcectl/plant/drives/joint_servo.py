@@ -34,6 +34,8 @@ from forcectl.framework.block import PythonBlock, PythonDiagram
 from forcectl.framework.wiring import split, through
 from forcectl.plant.drives.servo import ServoGains
 
+_SLOW = 2e-3  # [rad/s] speed reference below which the friction compensation is smaller, without a step at rest
+
 
 class ReferenceHold(PythonBlock):
     """References of n joints, sampled at ticks and extrapolated with their velocity between ticks.
@@ -52,23 +54,26 @@ class ReferenceHold(PythonBlock):
     joint_position_command: shape (n,), r [rad]. joint_velocity_command: shape (n,), v_r [rad/s].
     joint_torque_feedforward: shape (n,) [Nm]. It and v_r are zero when they are not connected.
     travelled: shape (n,), I [rad].
-    reference: shape (3n,), o, v_r and the feed-forward [rad, rad/s, Nm]. State.
+    reference: shape (3n,), o, v_r and the feed-forward with the friction compensation [rad, rad/s, Nm]. State.
 
-    A joint whose reference is not finite is held at its last one, with zero velocity and feed-forward.
+    The friction compensation is a torque in the direction of v_r, proportional to v_r below 2 mrad/s. A joint whose
+    reference is not finite is held at its last one, with zero velocity and feed-forward.
 
     Sampling: every `period` [s]; what is sampled at a tick is in the output after it.
 
     Args:
         time_step: dt of the integrator [s].
         start: r before the first tick, shape (n,) [rad].
+        compensation: torque of the friction compensation, shape (n,) [Nm], >= 0.
     """
 
     optional_inputs = ("joint_torque_feedforward", "joint_velocity_command")
 
-    def __init__(self, size: int, *, period: float, time_step: float, start: ArrayLike):
+    def __init__(self, size: int, *, period: float, time_step: float, start: ArrayLike, compensation: ArrayLike = 0.0):
         super().__init__()
         n = self._n = check_count("size", size)
         self._step = check("time_step", time_step, "positive")
+        self._compensation = batch_values("compensation", compensation, n, "not negative")
         self.port_units = {"travelled": "rad", "reference": "rad,rad/s,Nm"}
         names = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward")
         self._inputs = [self.DeclareVectorInputPort(name, n) for name in names]
@@ -88,6 +93,7 @@ class ReferenceHold(PythonBlock):
             bad = ~np.isfinite(rows).all(axis=0)
             rows[0, bad] = (held[:n] + travelled)[bad]
             rows[1:, bad] = 0.0
+        taken[2 * n :] += self._compensation * np.clip(taken[n : 2 * n] / _SLOW, -1.0, 1.0)
         taken[:n] += self._step * (taken[n : 2 * n] - last_rate) - travelled
         next_state.set_value(0, taken)
 
@@ -115,6 +121,7 @@ class JointServo(PythonDiagram):
         limit: of the motor torque, shape (n,), may be infinite [Nm].
         start: r before the first reference, shape (n,) [rad].
         torque: z at the start, shape (n,) [Nm].
+        compensation: torque of the friction compensation, shape (n,) [Nm], >= 0.
     """
 
     optional_inputs = ReferenceHold.optional_inputs
@@ -130,6 +137,7 @@ class JointServo(PythonDiagram):
         start: ArrayLike,
         torque: ArrayLike = 0.0,
         substeps: int = 1,
+        compensation: ArrayLike = 0.0,
     ):
         super().__init__()
         n = np.size(inertia)
@@ -142,7 +150,8 @@ class JointServo(PythonDiagram):
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         eye, zero = np.eye(n), np.zeros((n, n))
-        hold = add("references", ReferenceHold(n, period=period, time_step=step, start=start))
+        references = ReferenceHold(n, period=period, time_step=step, start=start, compensation=compensation)
+        hold = add("references", references)
         kd = np.diag(B * gains.velocity)
         kp = kd * gains.position
         ki = kp * gains.integral

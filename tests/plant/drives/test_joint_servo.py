@@ -52,6 +52,22 @@ def test_references_go_on_with_their_speed_between_ticks():
             simulator.AdvanceTo((8 * tick + step + 1) * STEP)
 
 
+def test_friction_compensation_acts_in_the_direction_of_the_speed_command():
+    """From 2 mrad/s on as a whole, below in proportion, and beside a feed-forward."""
+    plain, compensated = servo(), servo(compensation=[1.5, 0.5])
+    for rate, share in ((0.0, 0.0), (1e-3, 0.5), (-5e-4, -0.25), (0.3, 1.0), (-2e-3, -1.0)):
+        torques = []
+        for block in (plain, compensated):
+            simulator = Simulator(block)
+            context = simulator.get_mutable_context()
+            speeds = np.array([rate, -rate])
+            fix(block, context, position=np.zeros(2), velocity=np.zeros(2), joint_torque_feedforward=[0.2, 0.1])
+            fix(block, context, joint_position_command=np.zeros(2), joint_velocity_command=speeds)
+            simulator.AdvanceTo(1.5 * STEP)
+            torques.append(block.GetOutputPort("motor_torque").Eval(context))
+        np.testing.assert_allclose(torques[1] - torques[0], share * np.array([1.5, -0.5]), atol=1e-12)
+
+
 def test_loops_within_a_step_act_by_their_mean():
     """Two loops in a step: the second one where the motion has gone on for half of it."""
     blocks = [servo(substeps=count) for count in (1, 2)]
