@@ -281,8 +281,9 @@ class ForceEstimatorConfig(Config):
 class KalmanForceEstimatorConfig(ForceEstimatorConfig):
     """Scenario part `!KalmanForceEstimator`: momentum observer and, per arm, a Kalman filter of the moving joints.
 
-    Wrenches are estimated from joints that move; with `null_space: !SelfMotion {}` nearly all of them do. Model and
-    friction are those of `!ForceEstimator`; the thresholds apply to `estimated_torque` alone.
+    Wrenches are estimated from joints that move: all of them with a `dither` of the drive, nearly all with
+    `null_space: !SelfMotion {}`. Model and friction are those of `!ForceEstimator`; the thresholds apply to
+    `estimated_torque` alone.
     """
 
     noise: float = key(

@@ -1,7 +1,7 @@
 """The wrench at a frame of the robot, estimated from the torques of the joints that move.
 
 `MovingJoints` estimates the wrench w at the frame, in the axes of the frame, with A = J'. A force is observable as long
-as enough joints move; a null-space motion moves nearly all of them, see `SelfMotion`.
+as enough joints move. `JointDither` moves all of them, `SelfMotion` nearly all.
 
 A wrench at the frame has no torque along the null space N, J N = 0. A force elsewhere, for example on the elbow, has
 one if it does work in that motion: N'(d - b) distinguishes the two.
