@@ -261,7 +261,7 @@ class ForceEstimatorConfig(Config):
             still=self.threshold_still * coulomb,
             limit=self.limit_share * robot.limits.torque,
             period=model.period,
-            velocity_bandwidth=_bandwidth(model),
+            velocity_bandwidth=_speed_bandwidth(model),
             frozen_speed=np.where(np.isfinite(fastest_stop), fastest_stop, _FROZEN),
             largest_acceleration=_JUMP * robot.limits.acceleration,
         )
@@ -373,11 +373,11 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
         names = ("moment", "noise", "force_walk", "moment_walk", "bias", "bias_walk", "slow", "hold")
         return {
             **{name: getattr(self, name) for name in (*names, "tare_window", "tare_change")},
-            "velocity_bandwidth": _bandwidth(model),
+            "velocity_bandwidth": _speed_bandwidth(model),
             "period": model.period,
         }
 
 
-def _bandwidth(model: PlantModel) -> float | None:
+def _speed_bandwidth(model: PlantModel) -> float | None:
     """Of the filter of the measured speeds [rad/s]; None where they are not filtered."""
     return model.velocity_bandwidth if np.isfinite(model.velocity_bandwidth) else None
