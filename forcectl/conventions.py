@@ -63,6 +63,8 @@ SIGNALS: dict[str, Signal] = {
     # commands
     "joint_position_command": Signal("rad", "n", "set-points of the joint positions, for the drives"),
     "joint_velocity_command": Signal("rad/s", "n", "set-points of the joint velocities, for the drives"),
+    "dithered_position": Signal("rad", "n", "joint_position_command with the dither of the drives"),
+    "dithered_velocity": Signal("rad/s", "n", "joint_velocity_command with the dither of the drives"),
     "mode": Signal("1", "1", "number of the active mode of a reactive controller, from 0 on"),
     "joint_torque_feedforward": Signal("Nm", "n", "torques added to those of the drives, positive along the joints"),
     "gripper_command": Signal("1", "a", "above 0.5: close the gripper of the arm; else: open it"),

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
 LARGEST_STEP = 0.002  # [s] of the plant, for the servo loops
 COMMANDS = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward")
+DITHERED = ("dithered_position", "dithered_velocity")  # the first two of them, with a dither
 
 
 @dataclass(kw_only=True)
@@ -175,7 +176,7 @@ class JointInterface(PythonDiagram):
     input_ports: [joint_position_command, joint_velocity_command, joint_torque_feedforward, link_position (optional),
     link_velocity (optional), spring_torque (optional)]
     output_ports: [joint_torque (optional), motor_state (optional), motor_position (optional),
-    motor_velocity (optional), torque_integral]
+    motor_velocity (optional), torque_integral, dithered_position (optional), dithered_velocity (optional)]
     ```
 
     joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm], see
@@ -187,6 +188,8 @@ class JointInterface(PythonDiagram):
     link_velocity.
     motor_state: shape (2n,), position and speed of the motors of elastic joints [rad, rad/s]. State.
     motor_position, motor_velocity: shape (n,), its halves [rad, rad/s]. State.
+    dithered_position, dithered_velocity: shape (n,), the commands that the servo loops get with a dither, see
+    `JointDither` [rad, rad/s].
 
     Sampling: every `period` [s] of the workcell the commands, which act on the motors one step later; every
     `time_step` [s] of the workcell the rest.
@@ -205,9 +208,10 @@ class JointInterface(PythonDiagram):
         taken = {name: servo.GetInputPort(name) for name in COMMANDS}
         if config.dither.amplitude > 0:
             dither = builder.AddNamedSystem("dither", _dither(workcell, config.dither))
-            for name in COMMANDS[:2]:
-                builder.Connect(dither.GetOutputPort(name), servo.GetInputPort(name))
+            for name, dithered in zip(COMMANDS, DITHERED, strict=False):
+                builder.Connect(dither.GetOutputPort(dithered), servo.GetInputPort(name))
                 taken[name] = dither.GetInputPort(name)
+            export_outputs(builder, {name: dither.GetOutputPort(name) for name in DITHERED})
         for name, port in taken.items():
             builder.ExportInput(port, name)
         if workcell.config.elastic_joints:

@@ -6,8 +6,9 @@ Joints that move are not in static friction, which would hide external torques u
 joint in the amplitude A, from the Jacobian J of the arm's TCP, with rotations times 0.1 m. The signs s are searched:
 among all of them at the start, later one joint after the other is tried with the other sign. p is smaller while the
 tool travels: most joints move then without a dither. p is renewed every half period, when the joints pass their mean
-positions, and changes linearly in time until the next one, so that the speed has no step. All joints of an arm reverse
-at once, and their friction is known for the rest of the time; those of two arms a quarter of a period apart.
+positions, and changes by a cubic polynomial in time until the next one, so that neither speed nor acceleration has a
+step. All joints of an arm reverse at once, and their friction is known for the rest of the time; those of two arms a
+quarter of a period apart.
 """
 
 from __future__ import annotations
@@ -64,14 +65,16 @@ class JointDither(SampledBlock):
     ```
     name: JointDither
     input_ports: [joint_position_command, joint_velocity_command]
-    output_ports: [joint_position_command, joint_velocity_command]
+    output_ports: [dithered_position, dithered_velocity]
     ```
 
-    joint_position_command: shape (n,), q, and with the dither [rad]. joint_velocity_command: shape (n,), its derivative
-    [rad/s]; the input may be left unconnected: zero. All outputs are feedthrough of all inputs at the tick, and held.
+    joint_position_command: shape (n,), q [rad]. joint_velocity_command: shape (n,), its derivative [rad/s]; may be left
+    unconnected: zero.
+    dithered_position: shape (n,), q with the dither [rad]. dithered_velocity: shape (n,), its derivative [rad/s]. All
+    outputs are feedthrough of all inputs at the tick, and held.
 
-    A joint nearer to a position limit than its amplitude oscillates at that distance from the limit. Numbers that are
-    not finite are passed on, and the shares p are not renewed.
+    Joints oscillate about a position that is at least the largest amplitude, A r, away from their position limits.
+    Numbers that are not finite are passed on, and the shares p are not renewed.
 
     Sampling: every `period` [s]; no delay, see `SampledBlock`.
 
@@ -120,8 +123,8 @@ class JointDither(SampledBlock):
         self._scratch = scratch(self, "robot context", robot.create_context)
         inputs = [self.DeclareVectorInputPort(name, n) for name in ("joint_position_command", "joint_velocity_command")]
         memory = {
-            "joint_position_command": batch_values("start", start, n),
-            "joint_velocity_command": np.zeros(n),
+            "dithered_position": batch_values("start", start, n),
+            "dithered_velocity": np.zeros(n),
             # Ticks until now; p at the beginning and end of the half period; the signs s.
             "tick": 0.0,
             "share": np.zeros(n),
@@ -129,7 +132,7 @@ class JointDither(SampledBlock):
             "signs": np.zeros(n),
         }
         self.declare_memory(memory, inputs, period)
-        self.show("joint_position_command", "joint_velocity_command")
+        self.show("dithered_position", "dithered_velocity")
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """One tick."""
@@ -148,23 +151,35 @@ class JointDither(SampledBlock):
                 if finite:
                     robot = self._scratch.Eval(context)
                     following[own], signs[own] = self._renewed(robot, arm, q, v[own], signs[own], turns)
-            change[own] = (following[own] - share[own]) / ticks
-            now[own] = share[own] + within * change[own]
+            part = within / ticks
+            now[own] = share[own] + part**2 * (3.0 - 2.0 * part) * (following[own] - share[own])
+            change[own] = 6.0 * part * (1.0 - part) / ticks * (following[own] - share[own])
             angle = np.pi * (since % (2 * ticks)) / ticks
             sine[own], cosine[own] = np.sin(angle), np.cos(angle)
-        room, limits = self._amplitude * np.abs(now), self._robot.limits
-        lower, upper = limits.position_lower + room, limits.position_upper - room
-        inside = np.minimum(np.maximum(q, lower), upper)
-        v = np.where((inside != q) & np.isfinite(q), 0.0, v)
+        centre, centre_velocity = self._within_limits(q, v)
         slope = change / self._period * sine + self._rate * now * cosine
         return {
-            "joint_position_command": inside + self._amplitude * sine * now,
-            "joint_velocity_command": v + self._amplitude * slope,
+            "dithered_position": centre + self._amplitude * sine * now,
+            "dithered_velocity": centre_velocity + self._amplitude * slope,
             "tick": float(tick + 1),
             "share": share,
             "next_share": following,
             "signs": signs,
         }
+
+    def _within_limits(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Positions at least the largest amplitude R away from the limits, and their derivative.
+
+        The distance d from a limit becomes R + d^2/(4 R) where d < 2 R, so that the speed has no step.
+        """
+        room, limits = self._amplitude * self._most, self._robot.limits
+        centre, velocity = q, v
+        for inward, distance in ((1.0, q - limits.position_lower), (-1.0, limits.position_upper - q)):
+            near = np.minimum(np.maximum(distance, 0.0), 2.0 * room)
+            moved = (2.0 * room - near) ** 2 / (4.0 * room) + np.maximum(-distance, 0.0)
+            centre, velocity = centre + inward * moved, velocity * near / (2.0 * room)
+        finite = np.isfinite(q)
+        return np.where(finite, centre, q), np.where(finite, velocity, v)
 
     def _renewed(
         self, robot: Context, arm: ArmParts, q: Array, v: Array, signs: Array, turns: int

@@ -134,10 +134,10 @@ JOINT_INTERFACE_EXAMPLES: dict[type[System], list[Example]] = {
         Example(
             lambda: JointDither(RobotModel.load(ARM, None), workcell().start, amplitude=1e-3),
             {
-                ("joint_position_command", "joint_position_command"),
-                ("joint_velocity_command", "joint_position_command"),
-                ("joint_position_command", "joint_velocity_command"),
-                ("joint_velocity_command", "joint_velocity_command"),
+                ("dithered_position", "joint_position_command"),
+                ("dithered_position", "joint_velocity_command"),
+                ("dithered_velocity", "joint_position_command"),
+                ("dithered_velocity", "joint_velocity_command"),
             },
             {"joint_position_command": moved},
             periods={"period": 0.004},

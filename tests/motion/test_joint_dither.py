@@ -34,7 +34,7 @@ def run(dither, ticks, position=POSTURE, speed=None):
             dither.GetInputPort("joint_velocity_command").FixValue(context, v)
         context.SetTime(t)
         memory = dither.memory(context)
-        found.append((memory["joint_position_command"], memory["joint_velocity_command"]))
+        found.append((memory["dithered_position"], memory["dithered_velocity"]))
         context.SetDiscreteState(dither.EvalUniquePeriodicDiscreteUpdate(context))
     positions, speeds = zip(*found, strict=True)
     return np.array(positions), np.array(speeds)
@@ -123,6 +123,25 @@ def test_a_joint_at_its_limit_stays_within_it():
     assert (found <= limits.position_upper + 1e-12).all()
     assert (found >= limits.position_lower - 1e-12).all()
     assert np.ptp(found[2 * HALF :], axis=0).min() > 1.9 * AMPLITUDE
+
+
+def test_a_joint_that_comes_to_its_limit_slows_down_without_a_step_of_speed():
+    """It approaches with the time constant of the reactive controller, 20 ms."""
+    upper, room = ROBOT.limits.position_upper[2], 4 * AMPLITUDE
+
+    def approach(t):
+        left = 0.5 * np.exp(-t / 0.02)
+        q, v = POSTURE.copy(), np.zeros(14)
+        q[2], v[2] = upper - left, left / 0.02
+        return q, v
+
+    found, speed = run(block(), 150, approach)
+    added = speed[:, 2] - [approach(tick * TICK)[1][2] for tick in range(150)]
+    fastest = 2 * room / 0.02  # where the joint begins to slow down
+    dither = room * (np.pi / (HALF * TICK)) ** 2
+    assert np.abs(np.diff(added)).max() < 1.1 * (dither + fastest**2 / (2 * room)) * TICK
+    assert (found[:, 2] <= upper).all()
+    assert found[-2 * HALF :, 2].mean() == pytest.approx(upper - room, abs=1e-6)
 
 
 def test_numbers_that_are_none_are_passed_on_and_forgotten():

@@ -71,7 +71,7 @@ def joint_findings(log: Any, setting: Setting, config: FindingsConfig) -> Iterat
             text = f"the joint commands chatter at rest: {most:.0f} reversals within a second"
             yield finding("chatter", f"{text}, jerk up to {jerk:.3g} rad/s^3")
         if (motors := signals.get("motor_position")) is not None:
-            yield from _sticking(time, motors, speed, names, config)
+            yield from _sticking(time, motors, signals.get("dithered_velocity", speed), names, config)
 
 
 def _beyond(
@@ -105,7 +105,7 @@ def _beyond(
 def _sticking(
     time: Signal, motors: Signal, speed: Signal, names: list[str], config: FindingsConfig
 ) -> Iterator[RunFinding]:
-    """Joints that stick and slip although their command moves on in one direction."""
+    """Joints that stick and slip although their command, dither included, moves on in one direction."""
     for k, name in enumerate(names):
         times = []
         for on in (1.0, -1.0):

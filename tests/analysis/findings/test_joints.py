@@ -135,6 +135,15 @@ def test_a_joint_that_rests_where_its_command_turns_round_does_not_stick() -> No
     assert of_joints(motor_position=motor, joint_velocity_command=speed) == []
 
 
+def test_a_joint_that_rests_where_its_dither_turns_it_round_does_not_stick() -> None:
+    way = 0.02 * TIME
+    motor = np.round(way / way[-1] * 6) / 6 * way[-1]
+    signals = {"motor_position": START + on_joint(4, motor), "joint_velocity_command": on_joint(4, 0.02 + 0 * TIME)}
+    assert [one.kind for one in of_joints(**signals)] == ["stick_slip"]
+    dithered = on_joint(4, 0.02 + 0.1 * np.cos(2 * np.pi * 6.0 * TIME))
+    assert of_joints(**signals, dithered_velocity=dithered) == []
+
+
 def of_tasks(**signals: Any) -> list[RunFinding]:
     target = np.tile([0.3, 0.2, 0.1, 0.0, 0.0, 0.0], (len(TIME), 1))
     target[TIME < 0.5, 0] = 0.25

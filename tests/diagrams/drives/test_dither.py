@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 from forcectl.diagrams.drives.joint_interface import JointInterfaceConfig, JointServoConfig
+from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.errors import BadInputError
 from forcectl.motion.joint_dither import JointDitherConfig
 from tests.examples.joint_interface_runs import TICK, describe, run
@@ -38,6 +40,21 @@ def test_with_a_dither_no_joint_stays_in_static_friction_and_the_tool_hardly_mov
     assert tool_way(workcell, log["link_position"]) < 4e-4
     still = run(interface(), 0.8)
     assert moving_share(still["joint_velocity"]).max() == 0.0
+
+
+def test_the_station_outputs_what_the_servo_loops_get_while_there_is_a_dither():
+    station = MultibodyStation(interface(dither=DITHER), 0)
+    context = station.CreateDefaultContext()
+    start = station.GetInputPort("joint_position_command")
+    start.FixValue(context, np.full(start.size(), 0.1))
+    outputs = {name: station.GetOutputPort(name) for name in ("dithered_position", "dithered_velocity")}
+    assert all(port.size() == start.size() for port in outputs.values())
+    simulator = Simulator(station, context)
+    simulator.AdvanceTo(0.5)
+    off = outputs["dithered_position"].Eval(context) - 0.1
+    assert (np.abs(off) < 4.1e-3).all()
+    assert (np.hypot(off, outputs["dithered_velocity"].Eval(context) / (12 * np.pi)) > 0.9e-3).all()
+    assert not MultibodyStation(interface(), 0).HasOutputPort("dithered_position")
 
 
 def test_compensated_joints_reverse_without_a_stop():
