@@ -292,6 +292,13 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
         unit="Nm",
         bounds="above 0 and at most 100",
     )
+    jerk_noise: float = key(
+        0.0,
+        "standard deviation of the torque balance of a joint per jerk of the joint / its Coulomb friction: links swing "
+        "on elastic joints where an arm stops suddenly; a contact that jerks the joints is found later",
+        unit="s^3/rad",
+        bounds="from 0 to 1",
+    )
     force_walk: float = key(
         1.25, "random walk of a force: standard deviation of its change in 1 s", unit="N", bounds="positive"
     )
@@ -370,7 +377,7 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
         return WrenchBetweenFilter(momentum, friction, (first, second), axes, **self._options(model))
 
     def _options(self, model: PlantModel) -> dict[str, Any]:
-        names = ("moment", "noise", "force_walk", "moment_walk", "bias", "bias_walk", "slow", "hold")
+        names = ("moment", "noise", "jerk_noise", "force_walk", "moment_walk", "bias", "bias_walk", "slow", "hold")
         return {
             **{name: getattr(self, name) for name in (*names, "tare_window", "tare_change")},
             "velocity_bandwidth": _speed_bandwidth(model),

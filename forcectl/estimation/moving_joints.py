@@ -12,6 +12,9 @@ is then raised so far that the joint is ignored. The least squares of (5.8) woul
 Where speeds are filtered, the balance has passed the same filter (see `MomentumObserver`). After a reversal it shows
 the old friction for some ticks, and so does s here: the directions, from the unfiltered positions, pass the filter,
 and with them the share in which a balance contains ticks of unknown friction.
+
+After a jerk of a joint, as where an arm stops suddenly, the links swing on the elasticity of their joints; the balance
+contains accelerations that the readings of the motors do not show. Noise in proportion to the jerk allows for them.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from forcectl.arrays import Array
 from forcectl.framework.batch import check
 from forcectl.framework.sampled_block import Memory
 
+_SWINGS = 0.018  # [s] time constant with which the noise of a jerk fades, about that of a swing
 _UNKNOWN = 8.0  # standard deviation of the friction of a joint that may stick / Coulomb friction
 
 
@@ -57,6 +61,7 @@ class MovingJoints:
         walks: random walk of each component of w, as the standard deviation of its change in 1 s, shape (w,), > 0.
         noise: standard deviation of the balance of a tick [Nm], > 0; times (0.3 Nm + tau_C)/1 Nm in joints with tau_C
             below 0.7 Nm.
+        jerk_noise: standard deviation of the balance of a joint per jerk of the joint / tau_C [s^3/rad], >= 0.
         bias: standard deviation of c at the start / tau_C; that of b is 0.6 of it [1], > 0.
         bias_walk: random walk of b, as the standard deviation of its change in 1 s / tau_C; a quarter for c [1], > 0.
         slow: speed over a tick below which a joint may stick [rad/s], > 0.
@@ -74,6 +79,7 @@ class MovingJoints:
         walks: Array,
         *,
         noise: float = 0.25,
+        jerk_noise: float = 0.0,
         bias: float = 0.05,
         bias_walk: float = 0.008,
         slow: float = 0.004,
@@ -92,6 +98,8 @@ class MovingJoints:
             kept = math.exp(-check("velocity_bandwidth", velocity_bandwidth, "positive") * period)
             self._shares = (kept, 0.5 * (1.0 - kept), 0.5 * (1.0 - kept))
         self._noise = (check("noise", noise, "positive") * np.minimum(1.0, 0.3 + coulomb)) ** 2
+        self._jerk_noise = check("jerk_noise", jerk_noise, "not negative") * coulomb
+        self._fades = math.exp(-self._period / _SWINGS)
         self._unknown = (_UNKNOWN * coulomb) ** 2
         self._fresh = (check("bias", bias, "positive") * coulomb) ** 2
         slowly = check("bias_walk", bias_walk, "positive") * coulomb
@@ -108,6 +116,10 @@ class MovingJoints:
             # Of each joint: position in the last tick, whether one is known, and the time since its friction is known.
             "position": np.zeros(k),
             "seen": 0.0,
+            # Speed and acceleration of the last tick, and the largest jerk so far, which fades.
+            "speed": np.zeros(k),
+            "acceleration": np.zeros(k),
+            "jerk": np.zeros(k),
             "since": np.zeros(k),
             # Direction, and 1 where the friction is unknown: of the last tick, and after the filter of the speeds.
             "direction": np.zeros(k),
@@ -116,7 +128,9 @@ class MovingJoints:
             "ignored": np.ones(k),
         }
 
-    def tick(self, memory: Memory, rows: Array, balance: Array, position: Array, ok: Array) -> MovingJointsEstimate:
+    def tick(
+        self, memory: Memory, rows: Array, balance: Array, position: Array, speed: Array, ok: Array
+    ) -> MovingJointsEstimate:
         """One tick of the filter.
 
         Args:
@@ -124,6 +138,7 @@ class MovingJoints:
             rows: A, shape (k, w).
             balance: d without its last term, shape (k,) [Nm].
             position: of the joints, not filtered, shape (k,) [rad].
+            speed: of the joints, filtered as the balance, shape (k,) [rad/s].
             ok: of each joint whether its balance was updated in this tick, shape (k,).
         """
         last = memory["direction"]
@@ -138,6 +153,9 @@ class MovingJoints:
         late = kept * memory["late_direction"] + before * last + now * direction
         ignored = kept * memory["ignored"] + before * memory["unknown"] + now * unknown
         d = balance + self._coulomb * late
+        acceleration = memory["seen"] * (speed - memory["speed"]) / self._period
+        jerk = memory["seen"] * np.abs(acceleration - memory["acceleration"]) / self._period
+        jerk = np.maximum(jerk, self._fades * memory["jerk"])
 
         m, k, size = self._acting, self.k, self.size
         x, P = memory["state"], memory["covariance"].reshape(size, size).copy()
@@ -147,7 +165,7 @@ class MovingJoints:
         H.flat[m + k :: size + 1] = late
         gained = H @ P
         S = gained @ H.T
-        S.flat[:: k + 1] += self._noise + ignored**2 * self._unknown
+        S.flat[:: k + 1] += self._noise + (self._jerk_noise * jerk) ** 2 + ignored**2 * self._unknown
         _, solved, failed = dposv(S, gained)
         if not failed:
             x = x + solved.T @ (d - H @ x)
@@ -158,6 +176,9 @@ class MovingJoints:
             "covariance": P.ravel(),
             "position": position,
             "seen": 1.0,
+            "speed": speed,
+            "acceleration": acceleration,
+            "jerk": jerk,
             "since": since,
             "direction": direction,
             "unknown": unknown,

@@ -122,7 +122,7 @@ class MovingJointsFilter(SampledBlock):
             return {**memory, **tare, "seen": 0.0}
         plant = self._scratch.Eval(context)
         rows, balance = self._rows(plant, q), (balance + viscous_friction_torque(v, self._friction))[mine]
-        estimate = self._filter.tick(memory, rows, balance, q[mine], inputs["reading_ok"][mine] > 0.5)
+        estimate = self._filter.tick(memory, rows, balance, q[mine], v[mine], inputs["reading_ok"][mine] > 0.5)
         shown, tare = self._taring.step(tare, self._wrench(estimate.x[: self._torques + 3]), level)
         rotation = self._frame.CalcRotationMatrix(plant, self._expressed_in).matrix()
         return {
@@ -172,7 +172,8 @@ class WrenchFilter(MovingJointsFilter):
         tare_window: end and begin of the window of `Taring`, as times before now [s]; empty: none.
         tare_change: change of a force from the tare value, above which taring pauses [N], > 0.
         period: tick [s].
-        **joint_options: `noise`, `bias`, `bias_walk`, `slow`, `hold` and `velocity_bandwidth` of `MovingJoints`.
+        **joint_options: `noise`, `jerk_noise`, `bias`, `bias_walk`, `slow`, `hold` and `velocity_bandwidth` of
+            `MovingJoints`.
 
     Raises:
         BadInputError: a value out of range, friction of another number of joints, a frame of another plant.

@@ -98,6 +98,29 @@ def test_friction_that_is_off_is_learnt_by_reversals():
     assert size[times > 9.0].max() < 0.5 * size[(times > 0.3) & (times < 3.0)].max()
 
 
+def test_joints_that_swing_after_a_jerk_are_believed_less():
+    """At 0.9 s a joint loses 0.1 rad/s at once, and its balance swings by 2 Nm for some 30 ms."""
+    first = np.arange(7) == 0
+
+    def jerked(t, values):
+        since = t - 0.9
+        late = max(since, 0.0)
+        swing = 2.0 * np.cos(60.0 * late) * np.exp(-late / 0.02)
+        return {
+            "joint_position": values["joint_position"] - 0.1 * first * late,
+            "joint_velocity": values["joint_velocity"] - 0.1 * first * (since >= 0.0),
+            "torque_balance": values["torque_balance"] + swing * first * (since >= 0.0),
+        }
+
+    wrong = []
+    for share in (0.0, 1e-3):
+        block = WrenchFilter(MODEL, FRICTION, TIP, jerk_noise=share)
+        times, found = run(block, 1.05, wrench=np.zeros(6), changed=jerked)
+        wrong.append([apart(times, found, np.zeros(6), *part)[0] for part in ((0.3, 0.9), (0.9, 1.05))])
+    assert wrong[1][0] == pytest.approx(wrong[0][0], abs=0.05)
+    assert wrong[1][1] < 0.5 * wrong[0][1]
+
+
 def test_a_joint_whose_reading_is_bad_is_not_believed():
     def lying(t, values):
         third = np.arange(7) == 2
@@ -210,6 +233,7 @@ def test_a_force_alone_has_no_torque():
         ({"noise": 0.0}, "noise = 0.0: must be positive"),
         ({"slow": -1.0}, "slow = -1.0: must be positive"),
         ({"hold": -1.0}, "hold = -1.0: must be not negative"),
+        ({"jerk_noise": -1.0}, "jerk_noise = -1.0: must be not negative"),
         ({"frame": chain_plant(7).GetFrameByName("arm_link_7")}, "must be of the plant of the momentum model"),
         ({"friction": JointFriction(6)}, "friction has 6 joints: must have 7, as the model"),
     ],
