@@ -78,7 +78,7 @@ REFUSED = [
     (
         "usable_forces",
         "controller.random_moves.start=1000",
-        "controller.random_moves.start = 1000.0: must be below duration = 31 s",
+        "controller.random_moves.start = 1000.0: must be below duration = 31.5 s",
     ),
     (
         "usable_forces",
