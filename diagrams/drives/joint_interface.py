@@ -208,7 +208,7 @@ class JointInterface(PythonDiagram):
         taken = {name: servo.GetInputPort(name) for name in COMMANDS}
         if config.dither.amplitude > 0:
             dither = builder.AddNamedSystem("dither", _dither(workcell, config.dither))
-            for name, dithered in zip(COMMANDS, DITHERED, strict=False):
+            for name, dithered in zip(COMMANDS[:2], DITHERED, strict=True):
                 builder.Connect(dither.GetOutputPort(dithered), servo.GetInputPort(name))
                 taken[name] = dither.GetInputPort(name)
             export_outputs(builder, {name: dither.GetOutputPort(name) for name in DITHERED})

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.framework.yaml_tree import Tagged, dump, plain
+from forcectl.framework.yaml_tree import Tagged, dump, parse, plain
 from forcectl.runs.simulate import simulate
 from forcectl.scenario.catalog import SLOTS, list_experiments, read_scenario
 from forcectl.scenario.gains import asks_for_gains
@@ -249,8 +249,7 @@ def complete(error, text):
         return re.match(r"mutant\.yaml(:| is )", message) and (
             "must be a mapping" in message or "not usable" in message or re.search(r"\(line \d+, column \d+\)", message)
         )
-    left_out = not re.search(rf"^['\"]?{re.escape(error.key.partition('.')[0])}['\"]? *:", text, re.MULTILINE)
-    line = "(:[0-9]+)?" if left_out else ":[0-9]+"
+    line = r":\d+" if error.key.partition(".")[0] in parse(text, "mutant").lines else r"(:\d+)?"
     place = re.match(rf"(mutant\.yaml{line}: (variant .*?: )?|override: )", message)
     told = "must " in message or "known: " in message or "cannot be " in message or "is no longer a key" in message
     return place and message[place.end() :].startswith(error.key) and told
