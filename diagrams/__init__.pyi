@@ -24,6 +24,7 @@ from forcectl.diagrams.loop import LoopParts as LoopParts
 from forcectl.diagrams.loop import build_loop as build_loop
 from forcectl.diagrams.mechanics.site import Site as Site
 from forcectl.diagrams.model import ModelConfig as ModelConfig
+from forcectl.diagrams.model import PayloadConfig as PayloadConfig
 from forcectl.diagrams.model import Setting as Setting
 from forcectl.diagrams.model import plant_model as plant_model
 from forcectl.diagrams.model import read_friction as read_friction

@@ -98,6 +98,16 @@ def _exchanged(friction: JointFriction, robot: RobotModel) -> bool:
 
 
 @dataclass(kw_only=True)
+class PayloadConfig(Config):
+    """A point mass that moves with the TCP of an arm."""
+
+    mass: float = key(meaning="its mass", unit="kg", bounds="not negative")
+    position: list[float] = key(
+        [0.0, 0.0, 0.0], "its centre of mass in the TCP frame", unit="m", size=3, bounds="from -1 to 1"
+    )
+
+
+@dataclass(kw_only=True)
 class ModelConfig(Config, in_batches=True):
     """Scenario part `model`: how the model differs from the plant."""
 
@@ -116,8 +126,8 @@ class ModelConfig(Config, in_batches=True):
     inertia_scale: float = key(
         1.0, "masses and inertias of the model / those of the plant's robot", bounds="from 0.001 to 1000"
     )
-    payload: float = key(
-        0.0, "mass at every TCP in the model that the plant does not have", unit="kg", bounds="not negative"
+    payload: dict[str, PayloadConfig] = key(
+        {}, "masses in the hands of the model that its tools do not have, by arm, as of a part that the arm holds"
     )
 
     def __post_init__(self) -> None:
@@ -129,17 +139,19 @@ class ModelConfig(Config, in_batches=True):
         """A model that agrees with the plant, with these errors added.
 
         Raises:
-            BadInputError: friction of another number of joints.
+            BadInputError: friction of another number of joints, or a payload of an arm that the robot does not have.
         """
         friction = model.friction
         if self.friction and model.robot is not None:
             robot_of_file = model.robot
             friction = self._of_file(lambda path: friction_of(path, robot_of_file))
         robot = model.robot
-        if robot is not None and (self.inertia_scale != 1.0 or self.payload > 0):
-            robot = robot.with_inertia_error(self.inertia_scale, self.payload)
-        if robot is not None and self.payload > 0:
-            robot.check_torque("payload", self.payload, robot.gravity_torque(robot.context_at(model.start)))
+        if robot is not None and (self.inertia_scale != 1.0 or self.payload):
+            loads = {arm: (each.mass, np.array(each.position)) for arm, each in self.payload.items()}
+            robot = robot.with_other_masses(self.inertia_scale, loads)
+        if robot is not None and self.payload:
+            masses = {arm: each.mass for arm, each in self.payload.items()}
+            robot.check_torque("payload", masses, robot.gravity_torque(robot.context_at(model.start)))
         return replace(
             model,
             robot_compliance=self.robot_compliance * model.robot_compliance,

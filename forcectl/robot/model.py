@@ -225,12 +225,15 @@ class RobotModel(PlantJoints):
         other.tcp_frame = other.arm.tcp_frame
         return other
 
-    def with_inertia_error(self, scale: float, payload: float) -> RobotModel:
-        """The same robot with a model error: its contexts have other masses.
+    def with_other_masses(self, scale: float, payload: Mapping[str, tuple[float, Array]]) -> RobotModel:
+        """The same robot with a model error, or with parts in its hands: its contexts have other masses.
 
         Args:
             scale: factor on mass and inertia of every body of robot and tools [1].
-            payload: mass at the TCP of every arm [kg].
+            payload: by arm, a point mass [kg] and its position in the TCP frame, shape (3,) [m].
+
+        Raises:
+            BadInputError: the robot has no arm of that name.
         """
         other = copy.copy(self)
         changed = {}
@@ -241,13 +244,16 @@ class RobotModel(PlantJoints):
                 changed[body] = SpatialInertia(
                     scale * inertia.get_mass(), inertia.get_com(), inertia.get_unit_inertia()
                 )
-        for arm in self.parts.arms.values():
-            body, place = arm.tcp_frame.body(), arm.tcp_frame.GetFixedPoseInBodyFrame().translation()
-            held = changed.get(body, body.default_spatial_inertia())
-            if payload > 0:
+        for arm, (mass, position) in payload.items():
+            if arm not in self.parts.arms:
+                raise unknown("payload", arm, self.parts.arms)
+            tcp = self.parts.arms[arm].tcp_frame
+            place = tcp.GetFixedPoseInBodyFrame() @ position
+            held = changed.get(tcp.body(), tcp.body().default_spatial_inertia())
+            if mass > 0:
                 loaded = SpatialInertia(held.get_mass(), held.get_com(), held.get_unit_inertia())
-                loaded += SpatialInertia(payload, place, UnitInertia.PointMass(place))
-                changed[body] = loaded
+                loaded += SpatialInertia(mass, place, UnitInertia.PointMass(place))
+                changed[tcp.body()] = loaded
         other._inertias = tuple(changed.items())
         return other
 

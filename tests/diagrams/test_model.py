@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 import forcectl as fc
 from forcectl.diagrams.drives.position_drive import JointImpedanceDriveConfig
-from forcectl.diagrams.model import ModelConfig, friction_of, plant_model
+from forcectl.diagrams.model import ModelConfig, PayloadConfig, friction_of, plant_model
 from forcectl.diagrams.workcell import describe
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from tests.examples.stations import free, pressing
@@ -41,7 +41,9 @@ def test_friction_of_the_model_is_another_object():
 def test_masses_and_payload_change_the_model_only():
     workcell = describe(free(robot="yumi/left"))
     truth = plant_model(workcell)
-    wrong = ModelConfig(inertia_scale=1.1, payload=0.3).applied(truth)
+    beside = [0.05, -0.02, 0.1]
+    load = PayloadConfig(mass=0.3, position=beside)
+    wrong = ModelConfig(inertia_scale=1.1, payload={"left": load}).applied(truth)
     q = truth.start
 
     def gravity(robot):
@@ -52,9 +54,26 @@ def test_masses_and_payload_change_the_model_only():
     arm = truth.robot
     context = arm.create_context()
     arm.set_positions(context, q)
-    weight = arm.jacobian(context)[5] * 0.3 * 9.81
+    J, lever = arm.jacobian(context), arm.pose(context).rotation() @ beside
+    weight = (J[3:] + np.cross(J[:3].T, lever).T)[2] * 0.3 * 9.81
     np.testing.assert_allclose(gravity(wrong.robot), 1.1 * gravity(truth.robot) + weight, atol=1e-6)
     np.testing.assert_allclose(gravity(workcell.robot), gravity(truth.robot))
+
+
+def test_each_arm_has_its_own_payload():
+    workcell = describe(free(robot="yumi"))
+    truth = plant_model(workcell)
+    loaded = ModelConfig(payload={"right": PayloadConfig(mass=0.3)}).applied(truth)
+    own, other = (each.robot.gravity_torque(each.robot.context_at(truth.start)) for each in (truth, loaded))
+    arms = truth.robot.parts.arms
+    np.testing.assert_allclose(other[arms["left"].joints], own[arms["left"].joints], atol=1e-12)
+    assert np.abs(other - own)[arms["right"].joints].max() > 0.5
+
+
+def test_payload_of_an_arm_that_is_not_there():
+    model = plant_model(describe(free(robot="yumi/left")))
+    with pytest.raises(fc.BadInputError, match="unknown payload 'right': known: left"):
+        ModelConfig(payload={"right": PayloadConfig(mass=0.3)}).applied(model)
 
 
 @pytest.mark.slow

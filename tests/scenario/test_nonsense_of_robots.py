@@ -156,10 +156,14 @@ REFUSED = [
     # what no motor holds
     (
         "peg_in_hole",
-        "model.payload=2000",
-        "model.payload = 2000.0: must be held in the start posture: left_joint_4 needs 255",
+        "model.payload.left.mass=2000",
+        "model.payload = {'left': 2000.0, 'right': 0.03}: must be held in the start posture: left_joint_4 needs 255",
     ),
-    ("fig_2_7", "model.payload=2000", "model.payload = 2000.0: must be held in the start posture: joint_3 needs 127"),
+    (
+        "fig_2_7",
+        "model.payload.arm.mass=2000",
+        "model.payload = {'arm': 2000.0}: must be held in the start posture: joint_3 needs 127",
+    ),
     (
         "usable_forces",
         "station.loads=[{wrenches: [[0, 0, 0, 0, 0, 2e4]]}]",
@@ -231,7 +235,7 @@ REFUSED = [
 
 
 def test_what_a_robot_can_hold_is_not_refused():
-    settings = ["model.payload=0.5", "station.loads=[{wrenches: [[0, 0, 0, 0, 0, 200]]}]"]
+    settings = ["model.payload.left.mass=0.5", "station.loads=[{wrenches: [[0, 0, 0, 0, 0, 200]]}]"]
     assert build("usable_forces", overrides=parse_settings(settings)).workcell.num_joints == 14
 
 

@@ -124,4 +124,5 @@ def _unused(part: Any, key: str, names: Sequence[str], why: str) -> list[str]:
         if field.name in names
     )
     given = {field.name: value for field, value in own if value != default_of(field)}
-    return [f"{join(key, name)} = {value} has no effect: {why}" for name, value in given.items()]
+    shown = {name: "" if isinstance(value, Mapping) else f" = {value}" for name, value in given.items()}
+    return [f"{join(key, name)}{value} has no effect: {why}" for name, value in shown.items()]

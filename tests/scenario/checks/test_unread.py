@@ -26,12 +26,12 @@ NO_EFFECT = [
     ("motion: {speed: 0.01, distance: 0.001}", [], ""),
     ("station: {environment: {surface: {length: 1}}}", ["station.environment.surface.length = 1.0"], "there are no he"),
     (
-        "model: {payload: 1, friction_scale: 2}",
-        ["model.friction_scale = 2.0", "model.payload = 1.0"],
+        "model: {payload: {arm: {mass: 1}}, friction_scale: 2}",
+        ["model.friction_scale = 2.0", "model.payload"],
         "no part of the scenario reads",
     ),
-    ("model: {payload: 1}\ncontroller: !InvarianceRobot {nominal_gain: 1}", [], ""),
-    ("model: {payload: 1}\nanalyses: {mine: !Import {path: own:Mine}}", [], ""),
+    ("model: {payload: {arm: {mass: 1}}}\ncontroller: !InvarianceRobot {nominal_gain: 1}", [], ""),
+    ("model: {payload: {arm: {mass: 1}}}\nanalyses: {mine: !Import {path: own:Mine}}", [], ""),
     ("reference: !Sequence {times: [0, 0.2], forces: [5, 5]}", ["reference.times.1"], "the force stays 5 N"),
     ("reference: !Sequence {times: [0, 0.2], forces: [5, 6]}", [], ""),
     (
