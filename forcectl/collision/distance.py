@@ -220,7 +220,7 @@ class _SlowDown:
         root = np.sqrt(np.maximum(square, 0.0))
         # The first zero, by whichever of two formulas has no cancellation; there is none where the square is below 0.
         rising = slope > 0.0
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             reached = np.where(rising, -2.0 * y / (slope + root), np.where(bend > 0.0, (root - slope) / bend, np.inf))
         share = np.sqrt(np.where(square < 0.0, np.inf, reached))
         own = speeds * (row != 0.0)

@@ -11,6 +11,7 @@ from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.analysis.findings.guard import own_status
 from forcectl.analysis.findings.pressing import first_time
 from forcectl.analysis.findings.swings import rests
+from forcectl.analysis.findings.targets import in_the_way, target_findings
 from forcectl.analysis.motion_metrics import reversals_at_rest
 from forcectl.analysis.stretches import stretches
 from forcectl.analysis.transitions import stays
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
 _FEW = 3  # largest number of ticks at a torque limit that is not reported
 _MOVES = 2e-3  # [rad/s] a command that is faster moves on
 _AGAIN = 2.0  # [s] time within which the releases of a sticking joint are counted
-_NEAR = 1e-3  # [m or rad] largest distance from a target that counts as reached
-_JUST_GIVEN = 0.1  # [s] a target that changes later than this before the end of the run is not judged
-_POSE = 6  # coordinates of a pose
 _HELD_BACK = 0.1  # [s] before a failure; a constraint that is active throughout is mentioned
 _ROUNDING = 1e-9  # [s]
 _SHOWN = 3  # joints with poor readings that are named
@@ -136,9 +134,9 @@ def task_findings(log: Any, setting: Setting) -> Iterator[RunFinding]:
     yield from _fallbacks(log)
     visited = stays(log)
     if visited:
-        yield from _machine(log, visited)
+        yield from _machine(log, setting, visited)
     elif "task_target" in log and "reached" in log:
-        yield from _targets(log, setting)
+        yield from target_findings(log, setting)
 
 
 def _fallbacks(log: Any) -> Iterator[RunFinding]:
@@ -184,7 +182,7 @@ def _poor_readings(log: Any, here: Mask) -> str:
     return ", ".join(texts[:_SHOWN]) + (f" (and of {len(texts) - _SHOWN} more)" if len(texts) > _SHOWN else "")
 
 
-def _machine(log: Any, visited: list[Any]) -> Iterator[RunFinding]:
+def _machine(log: Any, setting: Setting, visited: list[Any]) -> Iterator[RunFinding]:
     last = visited[-1]
     if last.kind == 2:
         before = f" after '{visited[-2].mode}'" if len(visited) > 1 else ""
@@ -192,35 +190,14 @@ def _machine(log: Any, visited: list[Any]) -> Iterator[RunFinding]:
         text = f"the state machine ended in the failure '{last.mode}'{before}, at {last.begin:.3f} s{reason}"
         just = (log["time"].values > last.begin - _HELD_BACK) & (log["time"].values < last.begin - _ROUNDING)
         if "active_constraints" in log and just.any() and (log["active_constraints"].values[just] > 0).all():
-            text += (
-                f"; limits or constraints, such as the distance of links, were active in the {_HELD_BACK:g} s before"
-            )
+            arms = list(setting.truth.known_robot().parts.arms)
+            what = in_the_way(log, setting, int(np.flatnonzero(just)[-1]), arms)
+            what = f" ({what})" if what else ", such as the distance of links,"
+            text += f"; limits or constraints{what} were active in the {_HELD_BACK:g} s before"
         yield finding("machine_failed", text, last.begin)
     elif last.kind == 0:
         text = f"the run ended at {last.end:.3f} s in the mode '{last.mode}', before the state machine ended"
         yield finding("machine_not_ended", text, last.end)
-
-
-def _targets(log: Any, setting: Setting) -> Iterator[RunFinding]:
-    ticks = log.sizes["time"]
-    target, position = (log[f"task_{name}"].values.reshape(ticks, -1) for name in ("target", "position"))
-    if log["reached"].values[-1] > 0 or target.shape != position.shape or not np.isfinite(target[-1]).any():
-        return
-    error, time = np.nan_to_num(position[-1] - target[-1]), log["time"].values
-    changes = np.flatnonzero((np.diff(np.nan_to_num(target), axis=0) != 0).any(axis=1))
-    begun = float(time[changes[-1] + 1]) if len(changes) else float(time[0])
-    if np.abs(error).max() <= _NEAR or (len(changes) and time[-1] - begun < _JUST_GIVEN):
-        return
-    arms = list(setting.truth.known_robot().parts.arms)
-    if len(error) == _POSE * len(arms):
-        lengths = np.linalg.norm(error.reshape(-1, _POSE)[:, :3], axis=1)
-        where = ", ".join(f"{1e3 * length:.3g} mm ({arm})" for arm, length in zip(arms, lengths, strict=True))
-    else:
-        where = f"{np.abs(error).max():.3g} m or rad in coordinate {int(np.abs(error).argmax()) + 1} of the tasks"
-    stalled = log["stalled"].values[-1] > 0
-    trend = "and no longer decreases" if stalled else "and still decreases"
-    text = f"the last targets, set at {begun:.3g} s, are not reached: the distance at the end is {where} {trend}"
-    yield finding("target_stalled" if stalled else "target_not_reached", text, float(time[-1]))
 
 
 def _any(here: Mask) -> Mask:

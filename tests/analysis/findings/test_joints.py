@@ -164,7 +164,7 @@ def test_targets_that_are_not_reached_are_told_with_their_distance() -> None:
     )
     (one,) = of_tasks(**off, stalled=np.ones(len(TIME)))
     assert one.kind == "target_stalled"
-    assert one.text.endswith("and no longer decreases")
+    assert "270 mm (left) and no longer decreases" in one.text
     # What is nearly there is there, and what is sent elsewhere in the last moment is not late.
     assert of_tasks(**(off | {"task_position": np.tile([0.3005, 0.2, 0.1, 0.0, 0.0, 0.0], (len(TIME), 1))})) == []
     late = place.copy()
@@ -199,8 +199,7 @@ def test_a_reach_beyond_the_arm_ends_in_words() -> None:
         result = fc.run(fc.load_scenario(parse(REACH, "far.yaml"), overrides={"duration": duration}))
         (one,) = result.findings["default"]
         assert one.kind == kind
-        assert one.text.endswith(end)
-        assert "0 mm (right)" in one.text
+        assert f"0 mm (right) and {end}" in one.text
 
 
 def test_ticks_without_a_solution_and_ticks_that_only_hold_are_told_apart() -> None:
@@ -236,7 +235,7 @@ def test_readings_that_stop_a_controller_are_told_by_joint(read: Any, what: str)
 
 @pytest.mark.parametrize(("end", "kinds"), [(2.0, ["machine_failed"]), (0.0, ["machine_not_ended"]), (1.0, [])])
 def test_a_machine_that_fails_or_does_not_end_is_told(end: float, kinds: list[str]) -> None:
-    log = made_up().drop_vars("motor_torque")
+    log = made_up().drop_vars(["motor_torque", "joint_position_command"])
     later = (TIME >= 1.2).astype(float)
     log["mode"] = ("time", later, {"flag_meanings": "lower lost", "flag_reasons": "lost: no part"})
     signals = {"transition": later, "transition_value": 0.3 * later, "machine_end": end * later}
@@ -253,6 +252,9 @@ def test_a_machine_that_fails_or_does_not_end_is_told(end: float, kinds: list[st
             assert one.text == told + held_back * (
                 "; limits or constraints, such as the distance of links, were active in the 0.1 s before"
             )
+        log["joint_position_command"] = (("time", "joint"), np.tile(LIMITS.position_upper, (len(TIME), 1)))
+        (one,) = task_findings(log, ARM)
+        assert f"; limits or constraints ({JOINTS[0]} is at its position limit, {JOINTS[1]} is at" in one.text
 
 
 def test_every_kind_is_provoked_here_or_in_the_tests_of_force_loops() -> None:
