@@ -48,7 +48,7 @@ class ForceEstimator(PythonDiagram):
     input_ports: [joint_position, joint_velocity, motor_torque, tare (optional)]
     output_ports: [estimated_torque, estimated_wrench (optional), estimated_local_wrench (optional), near_singular
     (optional), wrench_deviation (optional), joint_bias (optional), moving (optional), torque_elsewhere (optional),
-    wrench_between (optional), residual, torque_balance, reading_ok]
+    wrench_between (optional), residual, torque_balance, balance_ok]
     ```
 
     joint_position, joint_velocity, motor_torque: shape (n,), readings of the tick [rad, rad/s, Nm].
@@ -58,7 +58,7 @@ class ForceEstimator(PythonDiagram):
     instead of estimated_wrench.
     tare: shape (1,) [1], may be left unconnected; the port exists where no `tare` is given. See the wrench estimates.
     residual: shape (n,), r [Nm]. torque_balance: shape (n,), of the tick, see `MomentumObserver` [Nm].
-    reading_ok: shape (n,) [1].
+    balance_ok: shape (n,) [1].
     near_singular: shape (a,), 1 where a direction is damped [1]; of a `WrenchEstimator`.
     wrench_deviation: shape (6a,), in the axes of each TCP [Nm, N]; joint_bias: shape (n,) [Nm]; moving: shape (n,) [1];
     torque_elsewhere: shape (a,) [Nm]; of a `WrenchFilter`, joints arm by arm.
@@ -133,7 +133,7 @@ class ForceEstimator(PythonDiagram):
         if between is not None:
             outputs["wrench_between"] = between.GetOutputPort("wrench")
             self.port_units["wrench_between"] = unit_of("wrench")
-        outputs |= {name: observer.GetOutputPort(name) for name in ("residual", "torque_balance", "reading_ok")}
+        outputs |= {name: observer.GetOutputPort(name) for name in ("residual", "torque_balance", "balance_ok")}
         export_outputs(builder, outputs)
         builder.BuildInto(self)
 

@@ -35,7 +35,7 @@ from forcectl.plant.drives.joint_friction import JointFriction, friction_thresho
 from forcectl.robot.momentum_model import MomentumModel
 
 _MEMORY = (
-    *("external_torque", "residual", "torque_balance", "reading_ok", "frozen"),
+    *("external_torque", "residual", "torque_balance", "balance_ok", "frozen"),
     # Of the last good sample; its time is the same for all joints, and negative before the first one.
     *("sample_time", "position", "velocity", "torque", "momentum", "force"),
     # Position and torque after the filter of the speeds; its input torque; the unfiltered speed.
@@ -61,7 +61,7 @@ class MomentumObserver(SampledBatch):
     ```
     name: MomentumObserver
     input_ports: [joint_position, joint_velocity, motor_torque, reset]
-    output_ports: [external_torque, residual, torque_balance, reading_ok]
+    output_ports: [external_torque, residual, torque_balance, balance_ok]
     parameters: [gain, offset, coulomb, viscous_forward, viscous_backward, move, still, limit]
     ```
 
@@ -71,7 +71,7 @@ class MomentumObserver(SampledBatch):
     external_torque: shape (n,), the part of the residual beyond the friction threshold, else zero [Nm].
     residual: shape (n,), r [Nm].
     torque_balance: shape (n,), mean of tau_ext - tau_F over the tick that ends, or over a gap, not filtered [Nm].
-    reading_ok: shape (n,), 1 for a joint whose readings of this tick were used, else 0 [1].
+    balance_ok: shape (n,), 1 for a joint whose readings of this tick were used, else 0 [1].
     All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): gain K_R [1/s] > 0; offset tau_O [Nm], coulomb tau_C [Nm] >= 0, viscous_forward
@@ -81,13 +81,13 @@ class MomentumObserver(SampledBatch):
     The residual is held while readings are bad. The next good sample then uses the mean over the gap or, if the gap was
     longer than `longest_gap`, starts a new balance without it. Bad readings are
 
-    - a number that is not finite: `reading_ok` is 0 for its joint;
+    - a number that is not finite: `balance_ok` is 0 for its joint;
     - a frozen encoder: a position that repeats bit for bit although the joint moves faster than `frozen_speed` (with
       differentiated speeds: moved so in the tick before). It lasts until the position changes, and with differentiated
-      speeds 10/w_v longer, because they jump at that change; `reading_ok` is 0 for its joint;
-    - a speed that changes faster than `largest_acceleration`: `reading_ok` is 0 for its joint, with differentiated
+      speeds 10/w_v longer, because they jump at that change; `balance_ok` is 0 for its joint;
+    - a speed that changes faster than `largest_acceleration`: `balance_ok` is 0 for its joint, with differentiated
       speeds 10/w_v longer;
-    - a lost sample: positions, speeds and torques all repeat bit for bit, though a joint moves; `reading_ok` is 0 for
+    - a lost sample: positions, speeds and torques all repeat bit for bit, though a joint moves; `balance_ok` is 0 for
       all joints. Beyond `longest_gap` such readings are accepted, once per gap.
 
     The missing torque of a lost tick is the mean of the torques before and after the gap.
@@ -152,14 +152,14 @@ class MomentumObserver(SampledBatch):
             "reset": "1",
             "residual": "Nm",
             "torque_balance": "Nm",
-            "reading_ok": "1",
+            "balance_ok": "1",
         }
-        self.port_components = dict.fromkeys(("residual", "torque_balance", "reading_ok"), "n")
+        self.port_components = dict.fromkeys(("residual", "torque_balance", "balance_ok"), "n")
         inputs = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity", "motor_torque")]
         inputs.append(self.DeclareVectorInputPort("reset", 1))
         self._scratch = scratch(self, "plant context", model.create_context)
         self.declare_memory(dict.fromkeys(_MEMORY, 0.0) | {"sample_time": -1.0}, inputs, period)
-        self.show("external_torque", "residual", "torque_balance", "reading_ok")
+        self.show("external_torque", "residual", "torque_balance", "balance_ok")
 
     def check_together(self, values: Mapping[str, Array]) -> None:
         """Friction and thresholds are subtracted, so they must be finite."""
@@ -213,7 +213,7 @@ class MomentumObserver(SampledBatch):
                     **memory,
                     "external_torque": external,
                     "residual": residual,
-                    "reading_ok": ok,
+                    "balance_ok": ok,
                     "frozen": frozen,
                     "sample_time": since * self._good,
                     "impulse": impulse,
@@ -250,7 +250,7 @@ class MomentumObserver(SampledBatch):
             "external_torque": external,
             "residual": residual,
             "torque_balance": balance,
-            "reading_ok": ok,
+            "balance_ok": ok,
             "frozen": frozen,
             "sample_time": now * self._good,
             "position": q,

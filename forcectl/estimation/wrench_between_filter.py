@@ -29,12 +29,12 @@ class WrenchBetweenFilter(MovingJointsFilter):
 
     ```
     name: WrenchBetweenFilter
-    input_ports: [torque_balance, joint_position, joint_velocity, reading_ok, tare]
+    input_ports: [torque_balance, joint_position, joint_velocity, balance_ok, tare]
     output_ports: [wrench]
     ```
 
     torque_balance: shape (n,), from a `MomentumObserver` [Nm]. joint_position, joint_velocity: shape (n,) [rad, rad/s].
-    reading_ok: shape (n,), 1 for a joint whose balance was updated in this tick, else 0 [1].
+    balance_ok: shape (n,), 1 for a joint whose balance was updated in this tick, else 0 [1].
     tare: shape (1,) [1], may be left unconnected; see `Taring`, in the axes of the TCP of b.
     wrench: shape (6,), of arm a on arm b at the TCP of b, [torque; force] in `expressed_in` [Nm, N]. The torque is
     m_b, from the joints of b alone. Feedthrough of all inputs at the tick, and held.

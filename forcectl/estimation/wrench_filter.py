@@ -39,7 +39,7 @@ class MovingJointsFilter(SampledBlock):
     """Base of the filters that estimate a wrench at a frame from the joints that move.
 
     A subclass maps the unknowns to joint torques in `_rows` and to the wrench in `_wrench`, and may keep further state
-    in `_further`. It has the input ports [torque_balance, joint_position, joint_velocity, reading_ok, tare] and the
+    in `_further`. It has the input ports [torque_balance, joint_position, joint_velocity, balance_ok, tare] and the
     output `wrench` of `WrenchFilter`.
 
     Args:
@@ -62,7 +62,7 @@ class MovingJointsFilter(SampledBlock):
     optional_inputs = ("tare",)
     port_units = {
         "torque_balance": "Nm",
-        "reading_ok": "1",
+        "balance_ok": "1",
     }
 
     def __init__(
@@ -94,7 +94,7 @@ class MovingJointsFilter(SampledBlock):
         self._torques = torques
         self._filter = MovingJoints(friction.coulomb[joints], gained, period=period, **joint_options)
         self._taring = Taring(*tare, period)
-        sizes = {"torque_balance": n, "joint_position": n, "joint_velocity": n, "reading_ok": n, "tare": 1}
+        sizes = {"torque_balance": n, "joint_position": n, "joint_velocity": n, "balance_ok": n, "tare": 1}
         inputs = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
         self._scratch = scratch(self, "plant context", model.create_context)
         own = {"wrench": np.zeros(6), **(further or {})}
@@ -122,7 +122,7 @@ class MovingJointsFilter(SampledBlock):
             return {**memory, **tare, "seen": 0.0}
         plant = self._scratch.Eval(context)
         rows, balance = self._rows(plant, q), (balance + viscous_friction_torque(v, self._friction))[mine]
-        estimate = self._filter.tick(memory, rows, balance, q[mine], v[mine], inputs["reading_ok"][mine] > 0.5)
+        estimate = self._filter.tick(memory, rows, balance, q[mine], v[mine], inputs["balance_ok"][mine] > 0.5)
         shown, tare = self._taring.step(tare, self._wrench(estimate.x[: self._torques + 3]), level)
         rotation = self._frame.CalcRotationMatrix(plant, self._expressed_in).matrix()
         return {
@@ -138,12 +138,12 @@ class WrenchFilter(MovingJointsFilter):
 
     ```
     name: WrenchFilter
-    input_ports: [torque_balance, joint_position, joint_velocity, reading_ok, tare]
+    input_ports: [torque_balance, joint_position, joint_velocity, balance_ok, tare]
     output_ports: [wrench, wrench_deviation, joint_bias, moving, torque_elsewhere]
     ```
 
     torque_balance: shape (n,), from a `MomentumObserver` [Nm]. joint_position, joint_velocity: shape (n,) [rad, rad/s].
-    reading_ok: shape (n,), 1 for a joint whose balance was updated in this tick, else 0 [1].
+    balance_ok: shape (n,), 1 for a joint whose balance was updated in this tick, else 0 [1].
     tare: shape (1,) [1], may be left unconnected; see `Taring`, in the axes of the frame.
     wrench: shape (6,), of the environment on the robot at the origin of `frame`, [torque; force] in `expressed_in`
     [Nm, N].

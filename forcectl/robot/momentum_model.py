@@ -23,6 +23,7 @@ from forcectl.framework.batch import check_count
 from forcectl.framework.kernels import largest
 from forcectl.robot.model import PlantJoints
 
+_REST = 1e-100  # [rad/s] a speed that decays below this is zero: the step over it would overflow
 _DIFFERENCE = 1e-5  # largest joint step of the central difference of B [rad] or [m]
 
 
@@ -75,7 +76,7 @@ class MomentumModel(PlantJoints):
         """
         # The joint step has the same size at any speed: with a time step, rounding would dominate at low speeds.
         span = largest(np.abs(v))
-        if span > 0:
+        if span > _REST:
             h = _DIFFERENCE / span
             step = h * v
             ahead, back = self._mass_times(context, q + step, v), self._mass_times(context, q - step, v)

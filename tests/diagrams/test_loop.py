@@ -154,7 +154,7 @@ def test_every_signal_is_logged_with_its_unit_and_its_components():
         "estimated_wrench": "Nm,N",
         "residual": "Nm",
         "torque_balance": "Nm",
-        "reading_ok": "1",
+        "balance_ok": "1",
         "near_singular": "1",
         "status": "1",
     }

@@ -96,7 +96,7 @@ def test_the_lag_of_the_kalman_filter_is_that_of_its_answer_to_a_step(force_walk
     jacobian = model.jacobian(model.create_context(), q, arm.tcp_frame, arm.tcp_frame)
     pushed, lever = jacobian.T @ wrench, np.linalg.norm(jacobian[4, arm.joints])
     moves = np.ones(robot.num_joints)
-    block.GetInputPort("reading_ok").FixValue(context, moves)
+    block.GetInputPort("balance_ok").FixValue(context, moves)
     block.GetInputPort("joint_velocity").FixValue(context, 0.01 * moves)
     opposing = viscous_friction_torque(0.01 * moves, friction) + friction.coulomb
     for tick in range(500):

@@ -58,7 +58,7 @@ class Arm:
 
 
 def observe(observer: MomentumObserver, readings: list[Readings], *, reset_at: frozenset[int] = frozenset()):
-    """External torque, residual and reading_ok at every tick."""
+    """External torque, residual and balance_ok at every tick."""
     context = observer.CreateDefaultContext()
     simulator = Simulator(observer, context)
     rows: list[list[np.ndarray]] = [[], [], []]
@@ -68,7 +68,7 @@ def observe(observer: MomentumObserver, readings: list[Readings], *, reset_at: f
         observer.GetInputPort("reset").FixValue(context, [float(k in reset_at)])
         if k == 0:
             simulator.Initialize()
-        for row, name in zip(rows, ("external_torque", "residual", "reading_ok"), strict=True):
+        for row, name in zip(rows, ("external_torque", "residual", "balance_ok"), strict=True):
             row.append(observer.GetOutputPort(name).Eval(context))
         simulator.AdvanceTo((k + 1) * TICK)
     return [np.array(row) for row in rows]

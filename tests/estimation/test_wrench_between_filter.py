@@ -46,7 +46,7 @@ def run(blocks, duration, *, stands=(), changed=None):
         torque = balance(q, v, t >= BEGIN, draw)
         # A joint that stands takes up what acts on it.
         torque = np.where(still, 0.05 * draw.normal(size=N), torque)
-        values = {"joint_position": q, "joint_velocity": v, "torque_balance": torque, "reading_ok": np.ones(N)}
+        values = {"joint_position": q, "joint_velocity": v, "torque_balance": torque, "balance_ok": np.ones(N)}
         values |= changed(t, values) if changed else {}
         for block, context, wrenches in zip(blocks, contexts, found, strict=True):
             for name, value in values.items():

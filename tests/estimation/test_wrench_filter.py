@@ -40,7 +40,7 @@ def run(block, duration, *, wrench=WRENCH, stands=(), speed=1.0, friction=COULOM
         # The friction of a tick is its mean over it.
         sliding = friction * np.where(moves, np.sign(np.cos(speed * (t - PERIOD + within))).mean(), 0.0)
         balance = jacobian(q).T @ (wrench * (t >= 0.5)) - sliding + stuck + noise * draw.normal(size=7)
-        values = {"joint_position": q, "joint_velocity": v, "torque_balance": balance, "reading_ok": np.ones(7)}
+        values = {"joint_position": q, "joint_velocity": v, "torque_balance": balance, "balance_ok": np.ones(7)}
         if changed is not None:
             values |= changed(t, values)
         for name, value in values.items():
@@ -126,7 +126,7 @@ def test_a_joint_whose_reading_is_bad_is_not_believed():
         third = np.arange(7) == 2
         return {
             "torque_balance": values["torque_balance"] + 5.0 * third * (t > 0.7),
-            "reading_ok": np.where(third, float(t <= 0.7), 1.0),
+            "balance_ok": np.where(third, float(t <= 0.7), 1.0),
         }
 
     block = WrenchFilter(MODEL, FRICTION, TIP)
@@ -205,7 +205,7 @@ def turning_round(block, bandwidth):
         friction = COULOMB * np.sign(q - last)
         late, before = kept * late + 0.5 * (1 - kept) * (friction + before), friction
         speed, last = kept * speed + (1 - kept) * (q - last) / PERIOD, q
-        values = {"joint_position": q, "joint_velocity": speed, "torque_balance": -late, "reading_ok": np.ones(7)}
+        values = {"joint_position": q, "joint_velocity": speed, "torque_balance": -late, "balance_ok": np.ones(7)}
         for name, value in values.items():
             block.GetInputPort(name).FixValue(context, value)
         context.SetTime(t)

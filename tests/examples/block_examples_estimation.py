@@ -94,7 +94,7 @@ def wrench_between_filter(moment: bool) -> WrenchBetweenFilter:
     return WrenchBetweenFilter(model, friction, (arms["left"], arms["right"]), moment=moment)
 
 
-OBSERVER_OUTPUTS = ("external_torque", "residual", "torque_balance", "reading_ok")
+OBSERVER_OUTPUTS = ("external_torque", "residual", "torque_balance", "balance_ok")
 OBSERVER_INPUTS = ("joint_position", "joint_velocity", "motor_torque", "reset")
 WRENCH_INPUTS = {"joint_position": swinging, "external_torque": lambda t: np.array([3.0, 10 * t]), "tare": tare}
 
@@ -103,7 +103,7 @@ FILTER_INPUTS = {
     "torque_balance": lambda t: np.array([3.0, 10 * t]),
     "joint_position": swinging,
     "joint_velocity": swing_speed,
-    "reading_ok": np.ones(2),
+    "balance_ok": np.ones(2),
     "tare": tare,
 }
 
@@ -165,7 +165,7 @@ ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
                 "torque_balance": lambda t: np.linspace(3.0, 10.0 * t, 14),
                 "joint_position": TOUCH_INPUTS["joint_position"],
                 "joint_velocity": np.full(14, 0.1),
-                "reading_ok": np.ones(14),
+                "balance_ok": np.ones(14),
                 "tare": tare,
             },
         )

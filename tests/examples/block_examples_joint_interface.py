@@ -109,7 +109,7 @@ def force_estimator() -> ForceEstimator:
 
 
 PERIODS = {"period": 0.004, "time_step": 0.001}
-ESTIMATES = ("estimated_torque", "estimated_wrench", "residual", "torque_balance", "reading_ok", "near_singular")
+ESTIMATES = ("estimated_torque", "estimated_wrench", "residual", "torque_balance", "balance_ok", "near_singular")
 SERVO_INPUTS = {
     "joint_position_command": sway,
     "joint_velocity_command": sway_rate,
