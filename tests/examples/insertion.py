@@ -1,7 +1,7 @@
 """A rig that pushes a plunger into the bore of a pipette's body, held by a compliant grasp.
 
 The body is fixed with its mouth upwards. The plunger hangs on the grasp: springs across and along the axis and against
-tilting, 100 mm behind its tip. The grasp goes down at a constant speed, beside the axis and askew.
+tilting, 100 mm behind its tip. The grasp goes down at a constant speed, and the tip comes beside the axis and askew.
 """
 
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, DiscreteContactApproximation, MultibodyPlant
 from pydrake.multibody.tree import PdControllerGains, PrismaticJoint, RevoluteJoint, SpatialInertia
@@ -29,7 +29,7 @@ ACROSS, ALONG, TILTING = (1000.0, 30.0), (2000.0, 60.0), (3.0, 0.1)  # stiffness
 
 @dataclass(frozen=True)
 class Misalignment:
-    """Of the grasp: offset across the axis [m], tilt about x and y [rad]."""
+    """Of the plunger over the mouth: offset of its tip across the axis [m], tilt about x and y at the tip [rad]."""
 
     offset: tuple[float, float]
     tilt: tuple[float, float]
@@ -128,7 +128,9 @@ def build(
     plant.WeldFrames(parent, tip, RigidTransform([0.0, 0.0, -HELD]))
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     plant.Finalize()
-    start = np.array([*misaligned.offset, above + HELD, *misaligned.tilt])
+    x_tilt, y_tilt = misaligned.tilt
+    to_tip = RotationMatrix.MakeXRotation(x_tilt) @ RotationMatrix.MakeYRotation(y_tilt) @ [0.0, 0.0, -HELD]
+    start = np.array([*([*misaligned.offset, above] - to_tip), x_tilt, y_tilt])
     plant.SetDefaultPositions(start)
     descent = builder.AddNamedSystem("descent", Descent(start, speed, until))
     builder.Connect(descent.get_output_port(), plant.get_desired_state_input_port(carriers))

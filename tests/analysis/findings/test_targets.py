@@ -1,6 +1,5 @@
 """What is said to be in the way of targets that are not reached."""
 
-
 import numpy as np
 import pytest
 import xarray as xr

@@ -1,18 +1,20 @@
-"""Contact of a tapered peg in a bore with a lead-in chamfer, without meshes: Kelvin-Voigt springs on four rings.
+"""Contact of a tapered peg in a bore with a lead-in chamfer, without meshes: a bed of springs on four edges.
 
 Both parts are bodies of revolution. In the half plane of radius r and height z through an axis, the wall of the bore
 and the peg are convex: each is the set where a few planes have a depth of at least zero, and the depth of a point is
-the smallest of these. Contact is between an edge of one and a face of the other: the edges of the peg's tip and of its
-shoulder on the bore, the edge of the bore and that of its mouth on the peg. An edge is a ring of points. The normal
-forces on them are
+the smallest of these. Contact is where an edge of one is inside a face of the other: the edges of the peg's tip and of
+its shoulder in the bore, the edge of the bore and that of its mouth in the peg. An edge is a ring of points.
 
-    f_i = max(0, K d_i - D v_i) d_i/sum(d)        d depth, v speed of separation
+The surfaces are beds of springs, with the pressure k (d + tau d') at the depth d, as in the hydroelastic contact of the
+shapes. From an edge the depth decreases along the two faces that meet there, by the slope s of each. A point stands for
+what lies beside it, an arc of the width w, over the length l = min(d/s, what belongs to the edge) of either face::
 
-so that the stiffness K of a ring does not depend on the number of points. Coulomb friction acts along the face,
-regularised below 1 mm/s.
+    f = max(0, sum F(l) + tau d' dF/dd)        F(l) = k w (d l - s l^2/2)
 
-The forces are those at the end of a step, see `step_ahead`: linear in V+ there (stiffness, damping and friction of the
-points that would touch at the end of the step with V*).
+and its force acts at the centre of pressure. So a contact is stiffer the longer and the more closely the faces meet:
+with little clearance, and deep in the bore. Coulomb friction acts along the face, regularised below 1 mm/s.
+
+The forces are those at the end of a step, see `step_ahead`: F is linearised about the depth there, in a few iterations.
 """
 
 from __future__ import annotations
@@ -24,13 +26,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
-from forcectl.arrays import Array
+from forcectl.arrays import Array, Indices
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 
 SLIP = 1e-3  # [m/s] slip speed below which friction is regularised, smaller than Coulomb's
 _LONG, _WIDE = "above 0 and at most 2", "above 0 and at most 0.5"  # [m] sizes of parts that arms can assemble
-_PASSES = 3  # iterations for the points in contact and their friction
+_PASSES = 3  # iterations for the depths and the friction
+_TINY = 1e-12
 _IDENTITY = np.eye(6)
 _STRAIGHT = _IDENTITY[3:].ravel()
 _COUNT = 24  # points of a ring
@@ -63,9 +66,11 @@ class PegInBoreConfig(Config):
     length: float = key(110e-3, "length of the peg", unit="m", bounds=_LONG)
     taper_length: float = key(8e-3, "length of the taper at the peg's tip", unit="m", bounds=_LONG)
     taper_radius: float = key(5e-3, "radius of the peg minus that of its tip", unit="m", bounds="positive")
-    stiffness: float = key(2e5, "stiffness K of a ring of contact points", unit="N/m", bounds="positive")
-    damping: float = key(
-        100.0, "damping D of a ring of contact points", unit="N s/m", bounds="not negative, at most 100000"
+    stiffness: float = key(
+        4e9, "pressure k per depth of the surfaces, as springs side by side", unit="N/m^3", bounds="from 1e6 to 1e12"
+    )
+    relaxation_time: float = key(
+        2e-4, "damping of these springs over their stiffness, tau", unit="s", bounds="from 0 to 0.1"
     )
     friction: float = key(
         0.15, "Coulomb friction coefficient between peg and bore", bounds="not negative and at most 2"
@@ -80,6 +85,10 @@ class PegInBoreConfig(Config):
         if not self.clearance + self.taper_radius < self.bore_radius:
             allowed = f"below {self.bore_radius - self.clearance:g} m, the radius of the peg"
             raise invalid("taper_radius", self.taper_radius, allowed)
+        if not self.taper_length < self.length:
+            raise invalid("taper_length", self.taper_length, f"below {self.length:g} m, the length of the peg")
+        if not self.chamfer < self.depth:
+            raise invalid("chamfer", self.chamfer, f"below {self.depth:g} m, the depth of the bore")
         if not self.bore_radius + self.chamfer < self.rim_radius:
             allowed = f"above {self.bore_radius + self.chamfer:g} m, the radius of the mouth"
             raise invalid("rim_radius", self.rim_radius, allowed)
@@ -89,25 +98,49 @@ def _ring(radius: float, z: float) -> Array:
     return np.column_stack([radius * np.cos(_ANGLES), radius * np.sin(_ANGLES), np.full(_COUNT, z)])
 
 
+def _along(radial: float, axial: float) -> Array:
+    """Unit vectors in the half planes of the points of a ring, shape (_COUNT, 3)."""
+    size = math.hypot(radial, axial)
+    return _ring(radial / size, axial / size)
+
+
 class PegProfile:
     """Rings of points of a peg and a bore, and planes (a, b, c) with the depth a r + b z + c.
+
+    The rings are, one after the other, the edges of the peg's tip and shoulder, of the bore and of its mouth. At each
+    edge two faces of the same part meet.
 
     Args:
         config: sizes.
     """
 
     def __init__(self, config: PegInBoreConfig):
-        R, c = config.bore_radius, config.chamfer
+        R, c, taper = config.bore_radius, config.chamfer, config.taper_length
         peg, tip = R - config.clearance, R - config.clearance - config.taper_radius
-        slope = config.taper_radius / config.taper_length
+        slope = config.taper_radius / taper
         steep, half = math.hypot(1.0, slope), math.sqrt(0.5)
         rim, end = [-1.0, 0.0, config.rim_radius], [0.0, -1.0, config.length]
         self.wall = np.array([[1.0, 0.0, -R], [half, -half, -half * (R + c)], [0.0, -1.0, 0.0], rim])
         self.peg = np.array([[-1.0, 0.0, peg], [-1 / steep, slope / steep, tip / steep], [0.0, 1.0, 0.0], end])
         self.floor, self.bottom, self.rim = -config.depth, config.floor_thickness, config.rim_radius
         self.reach = math.hypot(config.depth + config.floor_thickness + config.length, config.rim_radius + peg)
-        self.on_peg = np.vstack([_ring(tip, 0.0), _ring(peg, config.taper_length)])
+        self.shoulder, self.edge = taper, -c  # z of these edges, in the frames of tip and mouth
+        self.on_peg = np.vstack([_ring(tip, 0.0), _ring(peg, taper)])
         self.on_bore = np.vstack([_ring(R, -c), _ring(R + c, 0.0)])
+        # Directions of the two faces from the edge, shapes (2, 48, 3). Face 1 of shoulder and bore is side or wall.
+        up = _along(config.taper_radius, taper)
+        self.faces_of_peg = np.array([np.vstack([_along(-1.0, 0.0), -up]), np.vstack([up, _along(0.0, 1.0)])])
+        self.faces_of_bore = np.array(
+            [np.vstack([_along(1.0, 1.0), _along(1.0, 0.0)]), np.vstack([_along(0.0, -1.0), _along(-1.0, -1.0)])]
+        )
+        # Length of these faces that belongs to the edge: half, but for side and wall, see `_lengths`; shape (2, 96).
+        on_taper, on_chamfer, on_rim = 0.5 * math.hypot(config.taper_radius, taper), c * half, (self.rim - R - c) / 2
+        every = [
+            [tip / 2, on_taper, on_chamfer, on_rim],
+            [on_taper, config.length - taper, config.depth - c, on_chamfer],
+        ]
+        self.lengths = np.repeat(every, _COUNT, axis=1)
+        self.widths = np.repeat([tip, peg, R, R + c], _COUNT) * (2 * np.pi / _COUNT)  # of the arcs, shape (96,)
 
 
 def _depths(points: Array, planes: Array) -> tuple[Array, Array]:
@@ -123,19 +156,25 @@ def _depths(points: Array, planes: Array) -> tuple[Array, Array]:
 
 
 class Touch(NamedTuple):
-    """Points at which a peg touches a bore, in the mouth's frame.
+    """Points of edges at which a peg touches a bore, in the mouth's frame, and the two faces that meet there.
 
     Attributes:
         points: positions, shape (p, 3) [m].
-        normals: of the faces there, towards the peg, shape (p, 3).
+        normals: of the other part's face there, towards the peg, shape (p, 3).
         depths: shape (p,) [m].
-        shares: share of each point in the stiffness of its ring, shape (p,).
+        faces: directions of the two faces from the edge, shape (2, p, 3).
+        slopes: by which the depth decreases along them, shape (2, p), >= 0 [1].
+        lengths: of these faces that belong to the edge, shape (2, p) [m].
+        widths: of the arc that the point stands for, shape (p,) [m].
     """
 
     points: Array
     normals: Array
     depths: Array
-    shares: Array
+    faces: Array
+    slopes: Array
+    lengths: Array
+    widths: Array
 
 
 def touching(profile: PegProfile, R: Array, p: Array) -> Touch | None:
@@ -155,14 +194,35 @@ def touching(profile: PegProfile, R: Array, p: Array) -> Touch | None:
         low = (below > 0) & (below < profile.bottom) & inside
         depth, normals = np.where(low, below, depth), np.where(low[:, None], [0.0, 0.0, 1.0], normals)
     other_depth, other_normals = _depths((profile.on_bore - p) @ R, profile.peg)
+    other_normals = other_normals @ R.T
     depths = np.maximum(np.concatenate([depth, other_depth]), 0.0)
     active = np.flatnonzero(depths)
     if not active.size:
         return None
-    sums = depths.reshape(4, _COUNT).sum(axis=1)
     points = np.concatenate([peg_points, profile.on_bore])[active]
-    normals = np.concatenate([normals, -other_normals @ R.T])[active]
-    return Touch(points, normals, depths[active], depths[active] / sums[active // _COUNT])
+    outward = np.concatenate([normals, other_normals])[active]
+    faces = np.concatenate([profile.faces_of_peg @ R.T, profile.faces_of_bore], axis=1)[:, active]
+    slopes = np.einsum("jpi,pi->jp", faces, outward)
+    lengths = _lengths(profile, R, p, peg_points[_COUNT:, 2], active, slopes)
+    normals = np.concatenate([normals, -other_normals])[active]
+    widths = profile.widths[active]
+    return Touch(points, normals, depths[active], faces, np.maximum(slopes, 0.0), lengths, widths)
+
+
+def _lengths(profile: PegProfile, R: Array, p: Array, shoulder_z: Array, active: Indices, slopes: Array) -> Array:
+    """Lengths of the faces that belong to the active points, shape (2, p) [m].
+
+    Each of the shoulder and the edge of the bore has half of the way between them; the depth decreases beyond.
+    """
+    axis, centre = R[:, 2], p + profile.shoulder * R[:, 2]
+    shoulder_at_edge = centre[2] - (profile.on_bore[:_COUNT, :2] - centre[:2]) @ axis[:2] / (axis[2] or _TINY)
+    inserted = profile.edge - np.concatenate([shoulder_z, shoulder_at_edge])
+    is_between = np.array([inserted <= 0, inserted > 0])
+    lengths, beyond = profile.lengths.copy(), np.zeros(profile.lengths.shape, dtype=bool)
+    both = slice(_COUNT, 3 * _COUNT)
+    lengths[:, both] = np.where(is_between, np.minimum(0.5 * np.abs(inserted), lengths[:, both]), lengths[:, both])
+    beyond[:, both] = ~is_between
+    return np.where(beyond[:, active] & (slopes < 0), 0.0, lengths[:, active])
 
 
 def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free: Array, step: float) -> Array:
@@ -175,23 +235,39 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
         free: velocity V* of the peg there at the end of the step without contact [rad/s, m/s].
         step: h [s].
     """
-    n, c = touch.normals, config
-    points = (touch.points @ _LEVERS + _STRAIGHT).reshape(-1, 3, 6)  # Jacobians of the points
-    rows, every = np.einsum("ij,ijk->ik", n, points), points.reshape(-1, 6)
-    stiff, response, along = c.stiffness * step, step * mobility, np.zeros(len(n))
-    firm, separation_speed = c.damping + stiff, rows @ free
-    elastic = c.stiffness * touch.depths + stiff * separation_speed  # the depths are those at the end of the step
-    spring = elastic - firm * separation_speed
+    n, unit = touch.normals, config.stiffness * touch.widths
+    response, along, depths, then = step * mobility, np.zeros(len(n)), touch.depths, free
     for _ in range(_PASSES):
-        pushing = touch.shares * (spring > 0.0)
+        elastic, stiffness, centres = _bed(touch, unit, depths)
+        points = (centres @ _LEVERS + _STRAIGHT).reshape(-1, 3, 6)  # Jacobians
+        rows, every = np.einsum("ij,ijk->ik", n, points), points.reshape(-1, 6)
+        # Of the force constant - firm rows V+, linearised about these depths.
+        constant, firm = elastic + step * stiffness * (rows @ then), stiffness * (step + config.relaxation_time)
+        pushing = constant > firm * (rows @ then)
         # Springs and dampers along the normals; friction as a damper along the faces.
         damper = (rows.T * (firm * pushing - along)) @ rows
         damper += (points * along[:, None, None]).reshape(-1, 6).T @ every
-        then = dgesv(_IDENTITY + response @ damper, free + response @ ((pushing * elastic) @ rows))[2]
+        then = dgesv(_IDENTITY + response @ damper, free + response @ ((pushing * constant) @ rows))[2]
         separation_speed = rows @ then
-        spring = elastic - firm * separation_speed
-        pressed = np.maximum(spring, 0.0)
+        pressed = np.maximum(constant - firm * separation_speed, 0.0)
+        depths = touch.depths - step * (separation_speed - rows @ free)
         slip = (every @ then).reshape(-1, 3) - separation_speed[:, None] * n
-        along = c.friction * pressed * touch.shares / np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
-    force = (pressed * touch.shares)[:, None] * n - along[:, None] * slip
+        along = config.friction * pressed / np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
+    force = pressed[:, None] * n - along[:, None] * slip
     return force.ravel() @ every
+
+
+def _bed(touch: Touch, unit: Array, depths: Array) -> tuple[Array, Array, Array]:
+    """Forces of the springs [N], their derivatives by the depths [N/m], and their centres [m].
+
+    Args:
+        touch: the points, p of them.
+        unit: pressure per depth, times the width, shape (p,) [N/m^2].
+        depths: in place of those of the points; without contact where they are negative (p,) [m].
+    """
+    d, s = np.maximum(depths, 0.0), touch.slopes
+    length = np.where(s * touch.lengths > d, d / np.maximum(s, _TINY), touch.lengths) * (depths > 0)
+    area = (d * length - 0.5 * s * length**2).sum(axis=0)
+    moment = length**2 * (0.5 * d - s * length / 3)
+    shift = np.einsum("jp,jpi->pi", moment, touch.faces) / np.maximum(area, _TINY**2)[:, None]
+    return unit * area, unit * length.sum(axis=0), touch.points + shift
