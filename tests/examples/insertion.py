@@ -1,7 +1,7 @@
 """A rig that pushes a plunger into the bore of a pipette's body, held by a compliant grasp.
 
 The body is fixed with its mouth upwards. The plunger hangs on the grasp: springs across and along the axis and against
-tilting, 100 mm behind its tip. The grasp goes down at a constant speed, and the tip comes beside the axis and askew.
+tilting, 100 mm behind its tip. The grasp goes down at a constant speed, beside the axis and askew.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ ACROSS, ALONG, TILTING = (1000.0, 30.0), (2000.0, 60.0), (3.0, 0.1)  # stiffness
 
 @dataclass(frozen=True)
 class Misalignment:
-    """Of the plunger over the mouth: offset of its tip across the axis [m], tilt about x and y at the tip [rad]."""
+    """Of the grasp: offset across the axis [m], tilt about x and y [rad]."""
 
     offset: tuple[float, float]
     tilt: tuple[float, float]
@@ -44,6 +44,17 @@ def misalignments(count: int, offset: float = 3e-3, tilt: float = np.radians(5.0
         along, across = np.array([offset, tilt]) * sizes * np.array([np.cos(angles), np.sin(angles)])
         found.append(Misalignment((along[0], across[0]), (along[1], across[1])))
     return found
+
+
+def at_tip(misaligned: Misalignment) -> Misalignment:
+    """Of a grasp whose plunger has this misalignment at its tip.
+
+    Turned by 5 degrees about the grasp alone, the tip would come beside the mouth.
+    """
+    x_tilt, y_tilt = misaligned.tilt
+    turned = RotationMatrix.MakeXRotation(x_tilt) @ RotationMatrix.MakeYRotation(y_tilt)
+    x, y, _ = np.array([*misaligned.offset, 0.0]) - turned @ [0.0, 0.0, -HELD]
+    return Misalignment((x, y), misaligned.tilt)
 
 
 class Descent(LeafSystem):
@@ -128,9 +139,7 @@ def build(
     plant.WeldFrames(parent, tip, RigidTransform([0.0, 0.0, -HELD]))
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     plant.Finalize()
-    x_tilt, y_tilt = misaligned.tilt
-    to_tip = RotationMatrix.MakeXRotation(x_tilt) @ RotationMatrix.MakeYRotation(y_tilt) @ [0.0, 0.0, -HELD]
-    start = np.array([*([*misaligned.offset, above] - to_tip), x_tilt, y_tilt])
+    start = np.array([*misaligned.offset, above + HELD, *misaligned.tilt])
     plant.SetDefaultPositions(start)
     descent = builder.AddNamedSystem("descent", Descent(start, speed, until))
     builder.Connect(descent.get_output_port(), plant.get_desired_state_input_port(carriers))

@@ -32,7 +32,7 @@ from forcectl.framework.fields import Config, key
 
 SLIP = 1e-3  # [m/s] slip speed below which friction is regularised, smaller than Coulomb's
 _LONG, _WIDE = "above 0 and at most 2", "above 0 and at most 0.5"  # [m] sizes of parts that arms can assemble
-_PASSES = 3  # iterations for the depths and the friction
+_PASSES = 4  # iterations for the depths and the friction
 _TINY = 1e-12
 _IDENTITY = np.eye(6)
 _STRAIGHT = _IDENTITY[3:].ravel()
@@ -236,11 +236,12 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
         step: h [s].
     """
     n, unit = touch.normals, config.stiffness * touch.widths
-    response, along, depths, then = step * mobility, np.zeros(len(n)), touch.depths, free
+    response, along, then = step * mobility, np.zeros(len(n)), free
+    areas, lengths, centres = _bed(touch, touch.depths)
+    points = (centres @ _LEVERS + _STRAIGHT).reshape(-1, 3, 6)  # Jacobians
+    rows, every = np.einsum("ij,ijk->ik", n, points), points.reshape(-1, 6)
     for _ in range(_PASSES):
-        elastic, stiffness, centres = _bed(touch, unit, depths)
-        points = (centres @ _LEVERS + _STRAIGHT).reshape(-1, 3, 6)  # Jacobians
-        rows, every = np.einsum("ij,ijk->ik", n, points), points.reshape(-1, 6)
+        elastic, stiffness = unit * areas, unit * lengths
         # Of the force constant - firm rows V+, linearised about these depths.
         constant, firm = elastic + step * stiffness * (rows @ then), stiffness * (step + config.relaxation_time)
         pushing = constant > firm * (rows @ then)
@@ -250,19 +251,18 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
         then = dgesv(_IDENTITY + response @ damper, free + response @ ((pushing * constant) @ rows))[2]
         separation_speed = rows @ then
         pressed = np.maximum(constant - firm * separation_speed, 0.0)
-        depths = touch.depths - step * (separation_speed - rows @ free)
+        areas, lengths, _ = _bed(touch, touch.depths - step * (separation_speed - rows @ free))
         slip = (every @ then).reshape(-1, 3) - separation_speed[:, None] * n
         along = config.friction * pressed / np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
     force = pressed[:, None] * n - along[:, None] * slip
     return force.ravel() @ every
 
 
-def _bed(touch: Touch, unit: Array, depths: Array) -> tuple[Array, Array, Array]:
-    """Forces of the springs [N], their derivatives by the depths [N/m], and their centres [m].
+def _bed(touch: Touch, depths: Array) -> tuple[Array, Array, Array]:
+    """Integrals of the depth along the faces [m^2], their derivatives by the depth [m], and centres of pressure [m].
 
     Args:
         touch: the points, p of them.
-        unit: pressure per depth, times the width, shape (p,) [N/m^2].
         depths: in place of those of the points; without contact where they are negative (p,) [m].
     """
     d, s = np.maximum(depths, 0.0), touch.slopes
@@ -270,4 +270,4 @@ def _bed(touch: Touch, unit: Array, depths: Array) -> tuple[Array, Array, Array]
     area = (d * length - 0.5 * s * length**2).sum(axis=0)
     moment = length**2 * (0.5 * d - s * length / 3)
     shift = np.einsum("jp,jpi->pi", moment, touch.faces) / np.maximum(area, _TINY**2)[:, None]
-    return unit * area, unit * length.sum(axis=0), touch.points + shift
+    return area, length.sum(axis=0), touch.points + shift

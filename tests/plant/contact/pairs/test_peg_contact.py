@@ -10,7 +10,7 @@ from forcectl.errors import BadInputError
 from forcectl.plant import PegContact, PegInBoreConfig
 from forcectl.plant.contact.pairs.peg_in_bore import PegProfile, touching
 from tests.examples.block_examples_stations import peg_contact_in_a_plant
-from tests.examples.insertion import ACROSS, Misalignment, analytic, insert, misalignments
+from tests.examples.insertion import ACROSS, Misalignment, analytic, at_tip, insert, misalignments
 
 CONFIG = PegInBoreConfig(clearance=0.5e-3)
 IDENTITY = np.eye(3)
@@ -139,20 +139,19 @@ def test_at_rest_it_balances_the_grasp(time_step, stiffness):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("clearance", "count"), [("1p0", 1), ("0p5", 2), ("0p3", 1), ("0p1", 1)])
-def test_it_inserts_with_the_force_of_the_geometry(clearance, count):
-    """Misalignments up to 3 mm and 5 degrees at 75 mm/s, 60 mm deep: mean and largest force within 15 %.
+@pytest.mark.parametrize("clearance", ["1p0", "0p5", "0p3", "0p1"])
+@pytest.mark.parametrize("seed", [3, 4])
+def test_it_inserts_with_the_force_of_the_geometry(clearance, seed):
+    """Tips up to 3 mm and 5 degrees off, at 75 mm/s, within 15 %: mean and largest force of 60 mm, and mean of 40 mm.
 
-    Of ten at each clearance the mean is off by 6, 8, 7 and 11 % at most, the largest by 7, 6, 7 and 13 %.
-
-    On parts of the way the means differ by more, up to 29 % down to 40 mm with 0.3 mm of clearance: a rod that lies
-    on a wall askew is softer than a ring, so that the second side touches some millimetres later.
+    docs/holding.md has the largest differences of forty at each clearance. The facets of the shapes are up to 0.1 mm
+    deep, and so 0.1 N on the springs across.
     """
-    for misaligned in misalignments(count):
-        meshes = insert(clearance, misaligned, duration=0.87)
-        rings = insert(clearance, misaligned, duration=0.87, contact=analytic(clearance))
-        expected = meshes.insertion_force(0.06)
-        assert rings.insertion_force(0.06) == pytest.approx(expected, rel=0.15)
+    (misaligned,) = map(at_tip, misalignments(1, seed=seed))
+    shapes = insert(clearance, misaligned, duration=0.87)
+    springs = insert(clearance, misaligned, duration=0.87, contact=analytic(clearance))
+    assert springs.insertion_force(0.06) == pytest.approx(shapes.insertion_force(0.06), rel=0.15, abs=0.1)
+    assert springs.insertion_force(0.04)[0] == pytest.approx(shapes.insertion_force(0.04)[0], rel=0.15, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -169,6 +168,8 @@ def test_it_inserts_with_the_force_of_the_geometry(clearance, count):
         ({"length": 80.0}, "length = 80.0: must be above 0 and at most 2"),
         ({"rim_radius": 18.5}, "rim_radius = 18.5: must be above 0 and at most 0.5"),
         ({"rim_radius": 0.015}, "rim_radius = 0.015: must be above 0.01685"),
+        ({"taper_length": 0.11}, "taper_length = 0.11: must be below 0.11 m, the length of the peg"),
+        ({"depth": 4e-3}, "chamfer = 0.004: must be below 0.004 m, the depth of the bore"),
     ],
 )
 def test_sizes_that_cannot_be_are_refused(keys, message):
