@@ -15,6 +15,11 @@ A data sheet gives limits, but seldom data of motors and gears. From the largest
 A friction of 0 in all joints of a model counts as not known: without static friction, external forces would show in the
 joints too well.
 
+Gear ratios of 1 or -1 in all joints count as not known, too; the signs are kept.
+
+A value outside of the bounds of its key is moved to the nearest bound, and its rule then names the joint. A slow and
+strong joint without a gear would have a rotor of 571 kg m2, and gets one of 10. So no assumption is refused.
+
 The two robots shipped with forcectl, an industrial arm of 160 kg and one of 38 kg with two arms, have each of these
 within a factor of 4. Friction limits the estimation of forces and sets the limit cycles of a force loop: measure it if
 you can.
@@ -22,6 +27,7 @@ you can.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -30,6 +36,8 @@ import numpy as np
 
 from forcectl.arrays import Array
 from forcectl.errors import BadInputError
+from forcectl.framework.fields import interval, key_of, typed_fields
+from forcectl.robot.checks import DAMPING_TIME, SLOWEST
 from forcectl.robot.parameters import DERIVED, ControlParameters
 
 TWIST = 3e-3  # [rad]
@@ -51,6 +59,18 @@ def assumed_loop_inertia(parameters: ControlParameters, moved: Array) -> Array:
         moved: inertia that each joint moves beside its rotor, shape (n,) [kg m^2].
     """
     return LOOP_SHARE * (parameters.reflected_inertia + moved)
+
+
+def bounded(name: str, values: Array, most: Array | float = math.inf) -> Array:
+    """Values of a control parameter, each moved to the nearest of the bounds of its key.
+
+    Args:
+        name: the key.
+        values: one per joint, shape (n,).
+        most: further upper bounds, shape (n,) or one for all.
+    """
+    span = interval(next(key_of(each).bounds for each, _ in typed_fields(ControlParameters) if each.name == name))
+    return np.clip(np.minimum(values, most), span.low, span.high)
 
 
 def completed(
@@ -81,32 +101,40 @@ def completed(
     values: dict[str, Any] = {}
     assumed: dict[str, str] = {}
 
-    def fill(name: str, rule: str, value: Callable[[], Any]) -> Any:
+    def fill(name: str, rule: str, value: Callable[[], Array], most: Array | float = math.inf) -> Array:
         given = values.get(name, getattr(parameters, name))
         if len(given):
-            return given
-        values[name], assumed[name] = value(), rule
-        return values[name]
+            return np.asarray(given)
+        wanted = value()
+        values[name] = wanted if rule == OF_MODEL else bounded(name, wanted, most)
+        moved = "".join(
+            f"; {joint}: {used:g}, not {one:.3g}, which is out of bounds"
+            for joint, one, used in zip(parameters.arm_joints, wanted, values[name], strict=True)
+            if one != used
+        )
+        assumed[name] = rule + moved
+        return np.asarray(values[name])
 
-    n = parameters.num_joints
     if not np.isfinite(acceleration).all() and np.isfinite(velocity).all():
         rule = f"the largest speed in {ACCELERATION_TIME:g} s"
-        fill("acceleration_limit", rule, lambda: np.minimum(acceleration, velocity / ACCELERATION_TIME))
+        fill("acceleration_limit", rule, lambda: velocity / ACCELERATION_TIME, acceleration)
     if len(parameters.joint_stiffness):
         stiffness = parameters.stiffness()
     else:
         rule = f"{1e3 * TWIST:g} mrad of twist at the largest torque"
-        stiffness = fill("joint_stiffness", rule, lambda: {ASSUMED_SET: torque / TWIST})[ASSUMED_SET]
-        values["default_stiffness_set"] = ASSUMED_SET
+        stiffness = fill("joint_stiffness", rule, lambda: torque / TWIST)
+        values |= {"joint_stiffness": {ASSUMED_SET: stiffness}, "default_stiffness_set": ASSUMED_SET}
     geared = drives["gear_ratio"]
-    if (geared != 1).any():
+    if (np.abs(geared) != 1).any():
         ratio = fill("gear_ratio", OF_MODEL, lambda: geared)
     else:
-        ratio = fill("gear_ratio", f"{GEAR_RATIO:g}", lambda: np.full(n, GEAR_RATIO))
+        ratio = fill("gear_ratio", f"{GEAR_RATIO:g}", lambda: GEAR_RATIO * geared)
     rule = f"joint side, the largest torque would bring it to the largest speed in {1e3 * ROTOR_TIME:g} ms"
-    rotor = fill("rotor_inertia", rule, lambda: torque * ROTOR_TIME / velocity / ratio**2)
+    heaviest = torque / np.abs(ratio) / SLOWEST
+    rotor = fill("rotor_inertia", rule, lambda: torque * ROTOR_TIME / velocity / ratio**2, heaviest)
     rule = f"{100 * DAMPING_RATIO:g} % of the critical damping of the rotor on its spring"
-    fill("transmission_damping", rule, lambda: 2 * DAMPING_RATIO * np.sqrt(stiffness * rotor * ratio**2))
+    damping = 2 * DAMPING_RATIO * np.sqrt(stiffness * rotor * ratio**2)
+    fill("transmission_damping", rule, lambda: damping, DAMPING_TIME * stiffness)
     coulomb, viscous = drives["coulomb_friction"], drives["viscous_friction"]
     if coulomb.any():
         fill("coulomb_friction", OF_MODEL, lambda: coulomb)

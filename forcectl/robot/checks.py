@@ -36,8 +36,8 @@ _STRONGEST = 100.0
 _GRAVITY = 9.81  # [m/s2]
 # [rad/s2] accepted range of the acceleration of a rotor alone at the torque limit of its joint: servos have 1e3 to 1e5,
 # small ones 1e6. If all joints are above it, the unit is wrong; a single one may have a placeholder torque.
-_SLOWEST, _QUICKEST = 50.0, 5e6
-_DAMPING_TIME = 1.0  # [s] largest damping / stiffness of a transmission; usual are some ms
+SLOWEST, _QUICKEST = 50.0, 5e6
+DAMPING_TIME = 1.0  # [s] largest damping / stiffness of a transmission; usual are some ms
 _OF_REACH = 0.02, 5.0  # accepted range of the characteristic length / reach
 _BALL = 1.5, 1e-3  # largest distance from the centre of a tool's ball to its TCP: so many radii plus so many [m]
 # Moments of inertia are checked in links with at least this share of the mass that moves. They must be at least this
@@ -214,13 +214,13 @@ def _check_rotors(parameters: ControlParameters, torque: np.ndarray, turns: np.n
     motor, rotors = torque / np.abs(parameters.gear_ratio), parameters.rotor_inertia
     known = turns & np.isfinite(motor) & (rotors > 0)
     too_quick = known.any() and (rotors < motor / _QUICKEST)[known].all()
-    if too_quick or (known & (rotors > motor / _SLOWEST)).any():
-        ends = f"{_rounded(motor / _QUICKEST)} to {_rounded(motor / _SLOWEST)} kg m2, motor side"
-        allowed = f"zero, or from {ends}: {_SLOWEST:g} to {_QUICKEST:g} rad/s2 at the torque limits"
+    if too_quick or (known & (rotors > motor / SLOWEST)).any():
+        ends = f"{_rounded(motor / _QUICKEST)} to {_rounded(motor / SLOWEST)} kg m2, motor side"
+        allowed = f"zero, or from {ends}: {SLOWEST:g} to {_QUICKEST:g} rad/s2 at the torque limits"
         raise invalid("rotor_inertia", rotors.tolist(), allowed)
     stiffness = parameters.stiffness()
-    if (parameters.transmission_damping > _DAMPING_TIME * stiffness).any():
-        allowed = f"at most {_DAMPING_TIME:g} s times the joint stiffness, {_rounded(_DAMPING_TIME * stiffness)}"
+    if (parameters.transmission_damping > DAMPING_TIME * stiffness).any():
+        allowed = f"at most {DAMPING_TIME:g} s times the joint stiffness, {_rounded(DAMPING_TIME * stiffness)}"
         raise invalid("transmission_damping", parameters.transmission_damping.tolist(), allowed)
 
 

@@ -70,6 +70,40 @@ def test_a_friction_of_zero_in_all_joints_counts_as_not_known(tmp_path, dynamics
     np.testing.assert_allclose(parameters.coulomb_friction, coulomb)
 
 
+def write_odd_robot(folder, shoulder, reductions):
+    """The planar robot with another limit of its first joint, and a gear ratio of each joint."""
+    file = write_planar_robot(folder, LITTLE) / "planar.urdf"
+    text = file.read_text().split('effort="50" velocity="2"')  # of the finger's joint first, which is held
+    text = text[0] + 'effort="50" velocity="2"' + text[1] + shoulder + 'effort="50" velocity="2"'.join(text[2:])
+    for name, reduction in zip(("shoulder", "elbow", "wrist"), reductions, strict=True):
+        text = text.replace(
+            f'<actuator name="{name}_motor"/>',
+            f'<actuator name="{name}_motor"/><mechanicalReduction>{reduction}</mechanicalReduction>',
+        )
+    file.write_text(text)
+    return folder
+
+
+def test_an_assumption_out_of_bounds_is_moved_into_them_and_names_its_joint(tmp_path):
+    folder = write_odd_robot(tmp_path, 'effort="2000" velocity="0.07"', (1, 1, 50))
+    parameters = RobotModel.load(folder, None).parameters
+    np.testing.assert_allclose(parameters.rotor_inertia, [10, 0.5, 0.5 / 50**2])  # 571.4 without bounds
+    assert parameters.assumed["rotor_inertia"].endswith("; shoulder: 10, not 571, which is out of bounds")
+    assert "shoulder" not in parameters.assumed["joint_stiffness"]
+
+
+def test_a_rotor_too_heavy_for_its_motor_is_not_assumed(tmp_path):
+    folder = write_odd_robot(tmp_path, 'effort="2" velocity="0.07"', (1, 1, 50))  # 0.57 kg m2: 3.5 rad/s2
+    parameters = RobotModel.load(folder, None).parameters
+    assert parameters.rotor_inertia[0] == pytest.approx(2 / 50)
+
+
+@pytest.mark.parametrize(("reductions", "ratios"), [((1, -1, 1), (100, -100, 100)), ((1, -1, 50), (1, -1, 50))])
+def test_gear_ratios_of_1_in_all_joints_count_as_not_known(tmp_path, reductions, ratios):
+    folder = write_odd_robot(tmp_path, 'effort="50" velocity="2"', reductions)
+    np.testing.assert_allclose(RobotModel.load(folder, None).parameters.gear_ratio, ratios)
+
+
 def test_limits_of_the_parameters_are_those_of_the_robot(tmp_path):
     limits = "velocity_limit: [1, 2, 4]\nacceleration_limit: [3, 4, 5]\ntorque_limit: [10, 20, 30]\n"
     robot = RobotModel.load(write_planar_robot(tmp_path, LITTLE + limits), None)
