@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,24 +12,30 @@ from xml.etree import ElementTree
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RevoluteJoint
 
 from forcectl.arrays import Array
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, unknown
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, place, plain
 from forcectl.models import ROBOT_PARAMETERS, TOOL_PARAMETERS, robot_folder
-from forcectl.robot.assumptions import ACCELERATION_TIME
 from forcectl.robot.checks import about_file, check_drives, check_lists, check_weight
 from forcectl.robot.model_file import ModelFile, add_models
 from forcectl.robot.parameters import DERIVED, PER_JOINT, ControlParameters, missing_limits, read_keys
 from forcectl.robot.parts import frame_named
 from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
 from forcectl.runs.robots.remarks import remarks
+from forcectl.runs.robots.values import (
+    add_arms,
+    known_limits,
+    listed,
+    posture_within,
+    proposed,
+    provisional,
+    refused_limits,
+)
 
 _SUFFIXES = (".urdf", ".sdf", ".xml")
-_SPEED, _TORQUE, _LENGTH = 2.0, 100.0, 0.5  # [rad/s], [Nm], [m], provisional values
-_PUSH = 20.0  # [N], force at the tool that proposed torque limits allow for
+_LENGTH = 0.5  # [m], provisional
 _FILTER = {"natural_frequency": 75, "damping_ratio": 1}
 _FASTEST = 1e-4  # [s], provisional period, at which no filter is too fast
 # Keys that cannot be checked once another key is wrong: `_TOGETHER` has them by that key.
@@ -209,7 +215,7 @@ def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> Non
     while True:
         report.missing, refused = dict(named), list[str]()
         try:
-            _understand(report, model, rest, wrong, tree, refused)
+            _understand(report, file, rest, wrong, tree, refused)
         except BadInputError as error:
             key = error.field
             first, _, name = key.partition(".")
@@ -218,7 +224,7 @@ def _examine(report: RobotReport, model: Path, keys: Tagged, origin: str) -> Non
                 del rest[first][int(entry)]
                 key = ".".join([first, str(places[first].pop(int(entry))), *([within] if within else [])])
             elif first == "default_posture_deg" and entry.isdigit() and "arm_joints" in rest:
-                rest[first][int(entry)] = _within(tree.plant, rest["arm_joints"])[int(entry)]
+                rest[first][int(entry)] = posture_within(tree.plant, rest["arm_joints"])[int(entry)]
             elif not _left_out(rest, key):
                 first = ""
             located = error.at(key, place(origin, keys.lines, key)) if first in keys else error
@@ -267,10 +273,11 @@ def _left_out(rest: Tagged, key: str) -> bool:
 
 
 def _understand(
-    report: RobotReport, model: Path, rest: Tagged, wrong: Collection[str], tree: ModelTree, refused: list[str]
+    report: RobotReport, file: ModelFile, rest: Tagged, wrong: Collection[str], tree: ModelTree, refused: list[str]
 ) -> None:
-    values, plant = Tagged({"model": str(model.relative_to(report.folder))} | plain(rest)), tree.plant
-    _add_arms(report, values, tree)
+    model = file.path
+    values = Tagged({"model": str(model.relative_to(report.folder))} | plain(rest))
+    add_arms(report.missing, values, tree)
     given = values.setdefault("reference_filter", Tagged())
     lacking = [name for name in _FILTER if isinstance(given, Tagged) and name not in given]
     if lacking:
@@ -282,15 +289,18 @@ def _understand(
         report.missing["period"], values["period"] = "period: 0.002", _FASTEST if "period" in wrong else 0.002
     # Provisional values, until the robot is moved.
     unknown = {text.partition(" ")[0] for text in missing_limits(values, model)}
-    unknown |= _endless(values, plant) if model.suffix.lower() != ".urdf" else set()
+    names = list(map(str, values["arm_joints"]))
+    known = known_limits(names, file, tree.plant)
+    if model.suffix.lower() != ".urdf" and not all(name in values for name in DERIVED):
+        unknown |= {name for name, limits in known.items() if name not in values and not np.isfinite(limits).all()}
     unknown |= {"default_posture_deg", "characteristic_length"} - set(values)
-    n = len(values["arm_joints"])
-    some = {"velocity_limit": [_SPEED] * n, "torque_limit": [_TORQUE] * n, "characteristic_length": _LENGTH}
-    some["default_posture_deg"] = _within(plant, values["arm_joints"])
+    some: dict[str, Any] = {"characteristic_length": _LENGTH, **provisional(known)}
+    some["default_posture_deg"] = posture_within(tree.plant, names)
+    asked = unknown | refused_limits(names, file) - set(values)
     report.missing |= {
-        name: f"{name}: {_list(some[name]) if isinstance(some[name], list) else some[name]}"
+        name: f"{name}: {listed(some[name]) if isinstance(some[name], list) else some[name]}"
         for name in _MOVED
-        if name in unknown
+        if name in asked
     }
     parameters = Reader().dataclass(ControlParameters, Tagged(values | {name: some[name] for name in unknown}))
     with about_file(ControlParameters, next(report.folder.glob(ROBOT_PARAMETERS), model)):
@@ -304,95 +314,12 @@ def _understand(
             check_weight(explorer.plant, parts.instance, parts.parameters, parts.actuators)
     parameters, found = explorer.parts.parameters, explorer.explore(parameters.characteristic_length)
     posture = found.posture if "default_posture_deg" in unknown else parameters.default_posture
-    robot = report.robot = LoadedRobot(parameters, explorer, found, posture)
-    report.missing |= {name: f"{name}: {text}" for name, text in _proposed(robot).items() if name in unknown}
+    report.robot = LoadedRobot(parameters, explorer, found, posture)
+    texts = proposed(explorer, found, posture, known)
+    report.missing |= {name: f"{name}: {text}" for name, text in texts.items() if name in asked}
     ignored = [(min(pair), max(pair)) for pair in parameters.ignored_collisions]
     touching = sorted({*found.touching, *explorer.close(posture, TOUCHING)} - set(ignored))
     if touching:
         pairs = ", ".join(f"[{a}, {b}]" for a, b in [*ignored, *touching])
         report.missing["ignored_collisions"] = f"ignored_collisions: [{pairs}]"
     report.notes += remarks(explorer, found, tree, wrong)
-
-
-def _add_arms(report: RobotReport, values: Tagged, tree: ModelTree) -> None:
-    """Add arms, and joints that are held, where none are given."""
-    known = {joint.name(): joint for joint in tree.moving}
-    if "arm_joints" not in values:
-        arms = tree.arms()
-        if not arms:
-            what = "no joints in a row, of those that move" if known else "no joint moves"
-            raise BadInputError(f"{values['model']}: {what}: must hold an arm")
-        joints = [joint.name() for chain in arms.values() for joint in chain]
-        values["arm_joints"] = joints
-        report.missing["arm_joints"] = f"arm_joints: [{', '.join(joints)}]"
-        if len(arms) > 1 and "arms" not in values:
-            lines, parts = ["arms:"], Tagged()
-            for name, chain in arms.items():
-                flange, turn = tree.flange(chain[-1])
-                own = [joint.name() for joint in chain]
-                parts[name] = Tagged({"flange_frame": flange, "joints": own, "flange_turn_deg": turn.tolist()})
-                turned = f", flange_turn_deg: {_list(turn)}" if turn.any() else ""
-                lines.append(f"  {name}: {{flange_frame: {flange}, joints: [{', '.join(own)}]{turned}}}")
-            values["arms"] = parts
-            report.missing["arms"] = "\n".join(lines)
-        loose = [name for name in known if name not in joints]
-        if loose and "held_joints" not in values:
-            held = {name: _nearest_zero(known[name]) for name in loose}
-            values["held_joints"] = Tagged(held)
-            report.missing["held_joints"] = f"held_joints: {{{', '.join(f'{k}: {v:g}' for k, v in held.items())}}}"
-    if not isinstance(values["arm_joints"], list) or not values["arm_joints"]:
-        raise invalid("arm_joints", values["arm_joints"], "a list of joint names")
-    if "arms" not in values and "flange_frame" not in values:
-        last = values["arm_joints"][-1] if values["arm_joints"] else ""
-        if last in known:
-            flange, turn = tree.flange(known[last])
-            values["flange_frame"] = flange
-            report.missing["flange_frame"] = f"flange_frame: {flange}"
-            if turn.any() and "flange_turn_deg" not in values:
-                values["flange_turn_deg"] = turn.tolist()
-                report.missing["flange_turn_deg"] = f"flange_turn_deg: {_list(turn)}"
-
-
-def _proposed(robot: LoadedRobot) -> dict[str, str]:
-    """Proposed values of missing keys, from moving the robot."""
-    found, joints = robot.found, robot.explorer.parts.joints
-    turns = np.array([isinstance(joint, RevoluteJoint) for joint in joints])
-    speeds = [float(joint.velocity_upper_limits()[0]) for joint in joints]
-    need = 2 * (found.gravity + found.inertia * _SPEED / ACCELERATION_TIME + _PUSH * found.leverage)
-    return {
-        "default_posture_deg": _list(np.where(turns, np.degrees(robot.posture).round(1), robot.posture)),
-        "characteristic_length": f"{0.5 * found.reach:.2g}",
-        "velocity_limit": _list(speeds),
-        "torque_limit": _list([float(f"{max(each, 1.0):.2g}") for each in need]),
-    }
-
-
-def _endless(values: Tagged, plant: MultibodyPlant) -> set[str]:
-    """Limits that an SDF or MuJoCo file does not give; of URDF files see `missing_limits`."""
-    if all(name in values for name in DERIVED):
-        return set()
-    names = [name for name in map(str, values["arm_joints"]) if plant.HasJointNamed(name)]
-    actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
-    efforts = {each.joint().name(): each.effort_limit() for each in actuators}
-    speeds = [limit for name in names for limit in plant.GetJointByName(name).velocity_upper_limits()]
-    limits = {"velocity_limit": speeds, "torque_limit": [efforts.get(name, np.inf) for name in names]}
-    return {key for key, numbers in limits.items() if key not in values and not np.isfinite(numbers).all()}
-
-
-def _within(plant: MultibodyPlant, names: Sequence[str]) -> list[float]:
-    """A posture within the limits [deg], as close to zero as they allow."""
-    found = []
-    for name in names:
-        if not plant.HasJointNamed(name):
-            found.append(0.0)  # refused by name later
-            continue
-        found.append(float(np.degrees(_nearest_zero(plant.GetJointByName(name)))))
-    return found
-
-
-def _nearest_zero(joint: Any) -> float:
-    return float(np.clip(0.0, joint.position_lower_limits()[0], joint.position_upper_limits()[0]))
-
-
-def _list(numbers: Any) -> str:
-    return f"[{', '.join(f'{each:.6g}' for each in numbers)}]"

@@ -35,11 +35,8 @@ def print_robot(report: RobotReport, console: Console) -> None:
         console.print(escape(report.yaml()), highlight=False, soft_wrap=True)
         console.print()
     found = f"{len(report.problems)} problem{'s' * (len(report.problems) != 1)}"
-    count = (
-        f"{len(report.missing)} missing, {found}"
-        if report.read
-        else f"{found}; further missing keys are reported after correction"
-    )
+    count = f"{len(report.missing)} missing, {found}" if report.read else found
+    count += "" if report.robot is not None else "; further missing keys are reported after correction"
     said = "complete" if report.complete else count
     console.print(f"[{'green' if report.complete else 'yellow'}]{escape(str(report.folder))}: {said}[/]")
 

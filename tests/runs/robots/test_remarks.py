@@ -61,7 +61,8 @@ def test_what_is_wrong_in_an_arm_is_told_beside_all_that_is_missing(tmp_path):
     assert report.problems[1].startswith("arm.urdf: cannot be used: line ")
     assert report.problems[1].endswith(wrong)
     assert {"arm_joints", "flange_frame", "default_posture_deg", "torque_limit"} <= set(report.missing)
-    (folder / "my.control.yaml").write_text(report.yaml() + "\nvelocity_limit: [3, 3, 3, 3, 3, 3]\n")
+    assert report.missing["velocity_limit"] == "velocity_limit: [2, 2, 2, 2, 2, 2]"
+    (folder / "my.control.yaml").write_text(report.yaml())
     problems = examine_robot(folder).problems
     assert not any("velocity" in problem for problem in problems)
     assert "link 'link_3': mass = 100000 kg: must be from" in problems[-1]
