@@ -24,6 +24,8 @@ from forcectl.robot.ranges import ConditionalFault
 from forcectl.robot.sdf import wrong_sdf
 from forcectl.robot.urdf import Urdf, read_urdf
 
+_LITERAL = "<literal-string>.urdf"  # Drake's name for a text that is no file
+
 
 @dataclass(frozen=True)
 class ModelFile:
@@ -89,7 +91,8 @@ def add_models(plant: MultibodyPlant, path: Path, urdf: Urdf) -> tuple[list[Mode
     """
     parser = Parser(plant)
     add_packages(parser.package_map())
-    with _readable(path.name) as remarks:
+    sources = {_LITERAL if urdf.text else str(path): _Source(path.name, urdf.lines)}
+    with _readable(path.name, sources) as remarks:
         added: list[ModelInstanceIndex] = (
             parser.AddModelsFromString(urdf.text, "urdf") if urdf.text else parser.AddModels(path)
         )
@@ -126,6 +129,7 @@ def parse_models(
     parser = Parser(plant)
     add_packages(parser.package_map())
     directives: list[dict[str, Any]] = []
+    sources: dict[str, _Source] = {}
     with TemporaryDirectory() as copies:
         for name, model in models.items():
             folder = model.path.parent
@@ -133,6 +137,7 @@ def parse_models(
                 folder = Path(copies, name)
                 folder.mkdir()
                 (folder / model.path.name).write_text(model.urdf.text, encoding="utf-8")
+            sources[str(folder / model.path.name)] = _Source(model.path.name, model.urdf.lines)
             parser.package_map().Add(f"folder_of_{name}", str(folder))
             directives.append({"add_model": {"name": name, "file": f"package://folder_of_{name}/{model.path.name}"}})
         for i, sides in enumerate(filters):
@@ -141,7 +146,7 @@ def parse_models(
                 entry = {"name": own, "members": members, "ignored_collision_filter_groups": [other]}
                 directives += [{"add_collision_filter_group": entry}] if all(sides) else []
         files = " or ".join(dict.fromkeys(model.path.name for model in models.values()))
-        with _readable(files) as remarks:
+        with _readable(files, sources) as remarks:
             parser.AddModelsFromString(json.dumps({"directives": directives}), "dmd.yaml")
     # Drake's SDF parser only warns, and continues with other numbers. Included files are checked only here.
     if wrong := next((text for text in remarks if re.search("invalid inertia|'mass > 0' failed", text)), None):
@@ -150,11 +155,33 @@ def parse_models(
     return {name: plant.GetModelInstanceByName(name) for name in models}
 
 
+@dataclass(frozen=True)
+class _Source:
+    """The user's file behind a text that Drake parses.
+
+    Attributes:
+        name: of the file.
+        lines: see `Urdf`; empty where the text is that of the file.
+    """
+
+    name: str
+    lines: dict[int, int]
+
+    def line(self, number: int) -> int:
+        """The line of the file for a line of the text, or that of the element before it."""
+        before = [each for each in self.lines if each <= number]
+        return self.lines[max(before)] if before else number
+
+
 @contextmanager
-def _readable(files: str) -> Iterator[list[str]]:
+def _readable(files: str, sources: dict[str, _Source]) -> Iterator[list[str]]:
     """Raise Drake's errors about these files as BadInputError in one line, and collect its warnings without printing.
 
     Failed preconditions of Drake are raised as SystemExit.
+
+    Args:
+        files: names of the user's files.
+        sources: the user's file by the name that Drake has for the text.
     """
     logger, remarks = logging.getLogger("drake"), list[str]()
 
@@ -166,9 +193,19 @@ def _readable(files: str) -> Iterator[list[str]]:
     try:
         yield remarks
     except (RuntimeError, ValueError, SystemExit) as error:
-        raise BadInputError(f"{files}: cannot be read: {_plain(str(error))}") from error
+        raise BadInputError(f"{files}: cannot be read: {_located(_plain(str(error)), sources)}") from error
     finally:
         logger.removeFilter(gather)
+
+
+def _located(text: str, sources: dict[str, _Source]) -> str:
+    """A message of Drake with file and line of the user in place of those of a copy."""
+    for parsed, source in sources.items():
+        file = f"{source.name}: " if len(sources) > 1 else ""
+        for number in re.findall(rf"{re.escape(parsed)}:(\d+):", text):
+            text = re.sub(rf"{re.escape(parsed)}:{number}:( error:)?", f"{file}line {source.line(int(number))}:", text)
+        text = text.replace(parsed, source.name)
+    return text
 
 
 def _plain(text: str) -> str:

@@ -9,7 +9,7 @@ are replaced or removed in a copy of the text:
 - `<dynamics>`: removed; damping and friction of a joint are those of its drive, see `forcectl.robot.assumptions`;
 - transmissions of joints without a torque limit, and gear ratios: removed, see `forcectl.robot.parts` for both;
 - transmissions without a joint that moves: removed;
-- material names with two colours: replaced by one name for each colour;
+- materials: defined before their use, and one name for each colour (`forcectl.robot.urdf_materials`);
 - inertias of links with zero mass: removed (in a link that moves they are refused);
 - slightly impossible inertias: replaced by possible ones (very impossible ones are refused in a link that moves);
 - addresses of packages: replaced by the files they name, see `package_folders`.
@@ -43,7 +43,8 @@ from forcectl.robot.ranges import (
     wrong_friction,
     wrong_limits,
 )
-from forcectl.robot.urdf_text import package_folders, parse_xml, wrong_elements
+from forcectl.robot.urdf_materials import order_materials
+from forcectl.robot.urdf_text import lines_of_copy, package_folders, parse_xml, wrong_elements
 
 Element = ElementTree.Element
 
@@ -79,6 +80,7 @@ class Urdf:
 
     Attributes:
         text: corrected text, to parse in place of the file; "" where the file can be parsed itself.
+        lines: line of the file for each line of `text` in which an element begins.
         joints: those that move, by name.
         problems: errors that make the file unusable.
         conditional_faults: errors that matter only where their joint or link moves.
@@ -87,6 +89,7 @@ class Urdf:
     """
 
     text: str = ""
+    lines: dict[int, int] = field(default_factory=dict)
     joints: dict[str, UrdfJoint] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     conditional_faults: list[ConditionalFault] = field(default_factory=list)
@@ -138,7 +141,10 @@ class _Rewriting:
                     self._shape(link, shape)
         for joint in self._root.findall("joint"):
             self._joint(joint)
-        self._materials()
+        for changed in order_materials(self._root):
+            self._changed = True
+            if changed.endswith("left out"):
+                self._found.notes.append(changed)
         for transmission in self._root.findall("transmission"):
             self._transmission(transmission)
         if self._changed:  # the copy lies in another folder
@@ -147,6 +153,7 @@ class _Rewriting:
                 mesh.set("filename", address if "://" in address else str(self._path.parent / address))
         if self._changed and not self._found.problems:
             self._found.text = ElementTree.tostring(self._root, encoding="unicode")
+            self._found.lines = lines_of_copy(self._root, self._lines, self._found.text)
 
     def _problem(self, element: Element, text: str) -> None:
         self._found.problems.append(f"line {self._lines[id(element)]}: {text}")
@@ -333,15 +340,6 @@ class _Rewriting:
             for each in [*endless, *(["velocity"] if velocity == math.inf else [])]:
                 self._changed |= limit.attrib.pop(each, None) is not None
         self._found.joints[name] = UrdfJoint(kind, effort, velocity, mimics=mimics, **friction)
-
-    def _materials(self) -> None:
-        """Give each colour a name of its own; Drake refuses one name for two colours."""
-        seen: dict[str, tuple[dict[str, str], ...]] = {}
-        for i, material in enumerate(self._root.iter("material")):
-            name, looks = material.get("name", ""), tuple(each.attrib for each in material)
-            if looks and seen.setdefault(name, looks) != looks:
-                material.set("name", f"{name}_{i}")
-                self._changed = True
 
     def _transmission(self, transmission: Element) -> None:
         names = [each.get("name", "") for each in transmission.findall("joint")]

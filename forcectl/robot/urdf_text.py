@@ -41,6 +41,22 @@ def parse_xml(data: bytes, lines: dict[int, int]) -> Element:
     return builder.close()
 
 
+def lines_of_copy(root: Element, lines: dict[int, int], copy: str) -> dict[int, int]:
+    """The line of the file for each line of its copy in which an element begins.
+
+    Args:
+        root: tree of the file, as it was written to the copy.
+        lines: line in the file of each element by its id; elements that were added have none.
+        copy: its text.
+    """
+    found: dict[int, int] = {}
+    of_copy: dict[int, int] = {}
+    for element, copied in zip(root.iter(), parse_xml(copy.encode(), of_copy).iter(), strict=True):
+        if id(element) in lines:
+            found.setdefault(of_copy[id(copied)], lines[id(element)])
+    return found
+
+
 def wrong_elements(root: Element, lines: dict[int, int]) -> Iterator[str]:
     """Messages about attributes out of range, geometry without one shape, and repeated elements."""
     of_masses = root.findall(".//inertial/origin")

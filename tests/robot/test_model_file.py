@@ -145,3 +145,30 @@ def test_a_file_that_has_changed_is_read_again(tmp_path):
         links = "".join(f'<link name="{name}"/>' for name in names)
         file.write_text(f'<robot name="own">{links}{joint}</robot>')
         assert ModelFile.read(file).bodies == names
+
+
+@pytest.mark.parametrize("copied", [True, False])
+@pytest.mark.parametrize(
+    ("part", "wrong"),
+    [
+        ("<drake:collision_filter_group/>", "collision_filter_group"),  # found when the file is read by itself
+        ('<link name="c"><visual/></link>', "geometry"),  # found with the shapes
+    ],
+)
+def test_errors_of_drake_have_the_line_of_the_file_not_of_a_copy(tmp_path, part, wrong, copied):
+    material = '<material name="m"/><!-- which is nowhere\n defined -->' if copied else ""
+    ball = f'<visual><geometry><sphere radius="1"/></geometry>{material}</visual>'
+    mounts = "".join(
+        f'<joint name="{a}{b}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>' for a, b in ("ab", "ac")
+    )
+    part += "" if "link" in part else '<link name="c"/>'
+    text = f'<robot name="own">\n<link name="a">{ball}</link>\n<link name="b"/>\n{mounts}\n{part}</robot>'
+    file = tmp_path / "own.urdf"
+    file.write_text(text)
+    plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    with pytest.raises(BadInputError) as caught:
+        parse_models(plant, {"own": ModelFile.read(file)}, [])
+    line = 1 + text[: text.index(part)].count("\n")
+    assert str(caught.value).startswith(f"own.urdf: cannot be read: line {line}: ")
+    assert wrong in str(caught.value)
