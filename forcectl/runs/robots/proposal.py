@@ -37,13 +37,31 @@ from forcectl.robot.urdf import Urdf
 _HAND = re.compile(r"grip|finger|hand|thumb|claw|jaw|knuckle", re.IGNORECASE)
 _FINGER = re.compile(r"finger|thumb|claw|jaw|knuckle", re.IGNORECASE)  # of a link; a last link may be a gripper's
 _FLANGE = re.compile(r"(tool0|flange|ee_link|tcp|tool_link|link_eef?|_hand|hand_link|end_effector)$", re.IGNORECASE)
+_SENSOR = re.compile(r"cam|sensor|optical|imu|lidar|laser|depth|light|_eye|^eye|d435|realsense", re.IGNORECASE)
 _SIDES = {side: re.compile(rf"{side}|^{side[0]}_|_{side[0]}(_|$)", re.IGNORECASE) for side in ("left", "right")}
 _ARM = 4  # smallest number of joints, of one of several arms
 _TOOL = 0.15  # [m] length of an assumed tool
 _ON_AXIS = 1e-3  # [m] largest distance of a frame on the axis of the last joint
+_SHORT = 0.005  # [m] smallest distance from the last joint that shows a direction
+_ALONG, _ACROSS = np.cos(np.radians(30)), np.cos(np.radians(60))  # angle to an axis
 _WIDEST = np.radians(135.0)  # of a random joint position from the middle of its range
 TOUCHING = 0.0105  # [m] distance below which `LinkDistance` is violated at its default of 10 mm
 _SAMPLES, _KEPT, _PAIRS_LOOKED_AT = 1500, 12, 150
+
+
+@dataclass(frozen=True)
+class Flange:
+    """The proposed flange of an arm.
+
+    Attributes:
+        frame: its name.
+        turn: `flange_turn_deg`, after which z points out of the flange, (3,) [deg].
+        guess: the direction in words, where the model does not make it certain; "" where it does.
+    """
+
+    frame: str
+    turn: Array
+    guess: str
 
 
 class ModelTree:
@@ -86,8 +104,8 @@ class ModelTree:
             names[name] = chain
         return names
 
-    def flange(self, last: Joint) -> tuple[str, Array]:
-        """The frame behind the last joint of an arm that most likely carries the tool, and its `flange_turn_deg`."""
+    def flange(self, last: Joint) -> Flange:
+        """The frame behind the last joint of an arm that most likely carries the tool, and the direction out of it."""
         bodies, look = [last.child_body()], [int(last.child_body().index())]
         while look:
             for joint in self._below.get(look.pop(), []):
@@ -95,23 +113,64 @@ class ModelTree:
                     bodies.append(joint.child_body())
                     look.append(int(joint.child_body().index()))
         named = [body for body in bodies if _FLANGE.search(body.name())]
-        plant, context = self.plant, self.plant.CreateDefaultContext()
-        axis = _axis(last)
         flange = (named or self._frame_on(last, bodies[1:]) or bodies[:1])[0]
-        if axis is None:
-            return flange.name(), np.zeros(3)
-        R_FW = plant.EvalBodyPoseInWorld(context, flange).rotation().inverse()
-        z = R_FW @ last.frame_on_child().CalcPoseInWorld(context).rotation() @ axis
-        outward = plant.EvalBodyPoseInWorld(context, flange).translation()
-        outward = outward - last.parent_body().EvalPoseInWorld(context).translation()
-        if (R_FW @ outward) @ z < -1e-6:
-            z = -z
+        z, guess = self._outward(last, flange)
         if z[2] > 0.99:
-            return flange.name(), np.zeros(3)
+            return Flange(flange.name(), np.zeros(3), guess)
         x = np.eye(3)[np.argmin(np.abs(z))]
         x = x - (x @ z) * z
         R = RotationMatrix(np.column_stack([x / np.linalg.norm(x), np.cross(z, x / np.linalg.norm(x)), z]))
-        return flange.name(), np.degrees(RollPitchYaw(R).vector()).round(3) + 0.0
+        return Flange(flange.name(), np.degrees(RollPitchYaw(R).vector()).round(3) + 0.0, guess)
+
+    def _outward(self, last: Joint, flange: RigidBody) -> tuple[Array, str]:
+        """The direction out of a flange, in its frame, and why it is a guess; "" where joint and links agree.
+
+        The links behind the last joint tell it: where they extend along its axis, it is the axis. Where they extend
+        across it, it is the axis of the flange frame that is closest to them.
+        """
+        plant, context = self.plant, self.plant.CreateDefaultContext()
+        X_FW = plant.EvalBodyPoseInWorld(context, flange).inverse()
+        X_FJ = X_FW @ last.frame_on_child().CalcPoseInWorld(context)
+        axis, behind = _axis(last), self._extent(last, X_FW)
+        if axis is None:
+            return np.array([0.0, 0.0, 1.0]), "z of the frame itself"
+        z, joint = X_FJ.rotation() @ axis, X_FJ.translation()
+        offsets = [-joint, *(place - joint for place in behind)]
+        far = next((each for each in offsets if np.linalg.norm(each) > _SHORT), None)
+        if far is None:
+            base = X_FW @ last.parent_body().EvalPoseInWorld(context).translation()
+            z = -z if base @ z > 1e-6 else z
+            if z[2] > _ALONG and _FLANGE.search(flange.name()):
+                return z, ""
+            return z, f"along the axis of {last.name()}: no link behind it shows the direction"
+        far = far / np.linalg.norm(far)
+        z = -z if far @ z < -1e-6 else z
+        if far @ z > _ALONG:
+            return z, ""
+        across = np.sign(far) * (np.abs(far) == np.abs(far).max())
+        if far @ z < _ACROSS and far @ across > _ALONG:
+            return across, f"along the links behind {last.name()}, which is across its axis"
+        return z, f"along the axis of {last.name()}: the links behind it extend in another direction"
+
+    def _extent(self, last: Joint, X_FW: RigidTransform) -> list[Array]:
+        """The end of the chain of fixed links behind the last joint, and the middle of all that is behind it.
+
+        Both are in the frame of the flange. The last link itself does not count, nor do cameras and other sensors,
+        which are mounted in any direction.
+        """
+        context, places = self.plant.CreateDefaultContext(), {True: list[Array](), False: list[Array]()}
+        X_FJ = X_FW @ last.frame_on_child().CalcPoseInWorld(context)
+        look = [(joint, True) for joint in self._below.get(int(last.child_body().index()), [])]
+        while look:
+            joint, rigid = look.pop()
+            body, rigid = joint.child_body(), rigid and joint.num_positions() == 0
+            if not _SENSOR.search(body.name()):
+                look += [(each, rigid) for each in self._below.get(int(body.index()), [])]
+                X_FB = X_FW @ self.plant.EvalBodyPoseInWorld(context, body)
+                places[rigid].append(X_FB.translation())
+        far = sorted(places[True], key=lambda place: float(np.linalg.norm(place - X_FJ.translation())))
+        everything = places[True] + places[False]
+        return far[-1:] + ([np.mean(everything, axis=0)] if everything else [])
 
     def _frame_on(self, last: Joint, bodies: list[RigidBody]) -> list[RigidBody]:
         """The only massless link of these with its origin on the axis of the last joint; not a camera's; or none."""

@@ -102,6 +102,7 @@ class RobotReport:
         problems: why the folder cannot be used, one line for each key that is wrong.
         missing: proposed YAML text of each missing key, by the key; empty while there is no model.
         notes: on what was replaced or left out of the model, and on the robot.
+        advice: what to check of the proposed values.
     """
 
     folder: Path
@@ -111,6 +112,7 @@ class RobotReport:
     problems: list[str] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    advice: list[str] = field(default_factory=list)
 
     @property
     def complete(self) -> bool:
@@ -277,7 +279,7 @@ def _understand(
 ) -> None:
     model = file.path
     values = Tagged({"model": str(model.relative_to(report.folder))} | plain(rest))
-    add_arms(report.missing, values, tree)
+    report.advice = add_arms(report.missing, values, tree)
     given = values.setdefault("reference_filter", Tagged())
     lacking = [name for name in _FILTER if isinstance(given, Tagged) and name not in given]
     if lacking:

@@ -34,6 +34,11 @@ def print_robot(report: RobotReport, console: Console) -> None:
         console.print("[bold]Missing[/], with proposed values; check them, and paste them into a *.control.yaml file:")
         console.print(escape(report.yaml()), highlight=False, soft_wrap=True)
         console.print()
+    if report.advice:
+        console.print("[bold]Check[/] of the proposed values:")
+        for text in report.advice:
+            console.print(f"- {escape(text)}", highlight=False, soft_wrap=True)
+        console.print()
     found = f"{len(report.problems)} problem{'s' * (len(report.problems) != 1)}"
     count = f"{len(report.missing)} missing, {found}" if report.read else found
     count += "" if report.robot is not None else "; further missing keys are reported after correction"

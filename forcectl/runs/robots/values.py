@@ -2,32 +2,43 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RevoluteJoint
+from pydrake.multibody.tree import Joint, RevoluteJoint
 
 from forcectl.arrays import Array
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.yaml_tree import Tagged
 from forcectl.robot.assumptions import ACCELERATION_TIME, bounded
 from forcectl.robot.model_file import ModelFile
-from forcectl.runs.robots.proposal import Explorer, Found, ModelTree
+from forcectl.runs.robots.proposal import Explorer, Flange, Found, ModelTree
 
 PROVISIONAL = {"velocity_limit": 2.0, "torque_limit": 100.0}  # [rad/s], [Nm]
+_NO_ARM = re.compile("leg|hip|knee|ankle|foot|wheel|neck|head", re.IGNORECASE)
+_HOW_TO_CHECK = (
+    "to check it, compare `its z` in the table Arms, in the world at the default posture, with where a tool or gripper "
+    "points in a picture of the robot; flange_turn_deg turns it: [180, 0, 0] to the other side, [90, 0, 0] or "
+    "[0, 90, 0] to another axis of the frame"
+)
 _PUSH = 20.0  # [N], force at the tool that proposed torque limits allow for
 
 
-def add_arms(missing: dict[str, str], values: Tagged, tree: ModelTree) -> None:
+def add_arms(missing: dict[str, str], values: Tagged, tree: ModelTree) -> list[str]:
     """Add arms, and joints that are held, where none are given.
 
     Args:
         missing: proposed YAML text of each missing key; extended.
         values: keys that are given; extended.
         tree: joints of the model.
+
+    Returns:
+        What should be checked of these proposals.
     """
+    flanges, advice = dict[str, Flange](), list[str]()
     known = {joint.name(): joint for joint in tree.moving}
     if "arm_joints" not in values:
         arms = tree.arms()
@@ -40,13 +51,16 @@ def add_arms(missing: dict[str, str], values: Tagged, tree: ModelTree) -> None:
         if len(arms) > 1 and "arms" not in values:
             lines, parts = ["arms:"], Tagged()
             for name, chain in arms.items():
-                flange, turn = tree.flange(chain[-1])
+                flange = flanges[name] = tree.flange(chain[-1])
                 own = [joint.name() for joint in chain]
-                parts[name] = Tagged({"flange_frame": flange, "joints": own, "flange_turn_deg": turn.tolist()})
-                turned = f", flange_turn_deg: {listed(turn)}" if turn.any() else ""
-                lines.append(f"  {name}: {{flange_frame: {flange}, joints: [{', '.join(own)}]{turned}}}")
+                parts[name] = Tagged(
+                    {"flange_frame": flange.frame, "joints": own, "flange_turn_deg": flange.turn.tolist()}
+                )
+                turned = f", flange_turn_deg: {listed(flange.turn)}" if flange.turn.any() else ""
+                lines.append(f"  {name}: {{flange_frame: {flange.frame}, joints: [{', '.join(own)}]{turned}}}")
             values["arms"] = parts
             missing["arms"] = "\n".join(lines)
+            advice += _left_out(arms)
         loose = [name for name in known if name not in joints]
         if loose and "held_joints" not in values:
             held = {name: _nearest_zero(known[name]) for name in loose}
@@ -57,12 +71,33 @@ def add_arms(missing: dict[str, str], values: Tagged, tree: ModelTree) -> None:
     if "arms" not in values and "flange_frame" not in values:
         last = values["arm_joints"][-1] if values["arm_joints"] else ""
         if last in known:
-            flange, turn = tree.flange(known[last])
-            values["flange_frame"] = flange
-            missing["flange_frame"] = f"flange_frame: {flange}"
-            if turn.any() and "flange_turn_deg" not in values:
-                values["flange_turn_deg"] = turn.tolist()
-                missing["flange_turn_deg"] = f"flange_turn_deg: {listed(turn)}"
+            flange = flanges["arm"] = tree.flange(known[last])
+            values["flange_frame"] = flange.frame
+            missing["flange_frame"] = f"flange_frame: {flange.frame}"
+            if flange.turn.any() and "flange_turn_deg" not in values:
+                values["flange_turn_deg"] = flange.turn.tolist()
+                missing["flange_turn_deg"] = f"flange_turn_deg: {listed(flange.turn)}"
+    if "flange_turn_deg" not in missing and "flange_turn_deg" in values:
+        flanges.pop("arm", None)  # its direction is given
+    guesses = {name: flange for name, flange in flanges.items() if flange.guess}
+    advice += [
+        f"{name}: z out of flange {flange.frame}, where the tool points, is a guess: {flange.guess}"
+        for name, flange in guesses.items()
+    ]
+    return advice + [_HOW_TO_CHECK] * bool(guesses)
+
+
+def _left_out(arms: Mapping[str, Sequence[Joint]]) -> list[str]:
+    """How to leave out one of several arms, and those that are none by their names."""
+    joints = {name: [joint.name() for joint in chain] for name, chain in arms.items()}
+    others = [name for name in joints if any(_NO_ARM.search(joint) for joint in joints[name])]
+    held = ", ".join(f"{joint.name()}: {_nearest_zero(joint):g}" for name in others for joint in arms[name])
+    how = "delete them from arm_joints and arms, add their joints to held_joints"
+    again = "delete default_posture_deg and other lists with one number per joint, and run this command again"
+    if not others or len(others) == len(joints):
+        return [f"arms that you do not need may be left out: {how}, {again}"]
+    looks = f"{', '.join(others)} by the names of joints {'is' if len(others) == 1 else 'are'} a leg, wheel or neck"
+    return [f"{looks}, and may be left out: {how} ({held}), {again}"]
 
 
 def known_limits(names: Sequence[str], file: ModelFile, plant: MultibodyPlant) -> dict[str, Array]:
