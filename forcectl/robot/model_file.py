@@ -193,7 +193,10 @@ def _readable(files: str, sources: dict[str, _Source]) -> Iterator[list[str]]:
     try:
         yield remarks
     except (RuntimeError, ValueError, SystemExit) as error:
-        raise BadInputError(f"{files}: cannot be read: {_located(_plain(str(error)), sources)}") from error
+        text = _located(_plain(str(error)), sources)
+        if "MuJoCo parser currently only supports mesh" in text:
+            text = f"{text.partition(' See http')[0].rstrip('.')}; only a URDF of the robot may have other meshes"
+        raise BadInputError(f"{files}: cannot be read: {text}") from error
     finally:
         logger.removeFilter(gather)
 

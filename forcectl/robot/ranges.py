@@ -19,7 +19,7 @@ _WIDEST = 5.0  # [m] largest radius of gyration of a link
 _SMALLEST_MOMENT = 1e-3
 _OSMIUM = 22.6e3  # [kg/m3]
 _FAR = 0.5  # tolerated violation of the triangle inequality of the moments / largest moment: beyond, no mere estimate
-# Largest finite values of a joint: rad or m, Nm or N, rad/s or m/s, and those of friction.
+# Largest finite values of a joint: m, Nm or N, m/s, and those of friction; smaller ones of joints that turn are below.
 _LARGEST = {"lower": 1e4, "upper": 1e4, "effort": 1e6, "velocity": 1e3, "damping": 1e6, "friction": 1e6}
 _MOST_TURNS = 50.0  # [rad] position limit of a joint that turns; a larger one is in degrees
 _FASTEST = 50.0  # [rad/s] velocity limit of a joint that turns; a larger one is in degrees per second
@@ -134,12 +134,12 @@ def wrong_limits(limits: Mapping[str, float], turns: bool = False) -> Iterator[t
     """
     for name, value in limits.items():
         key = _INSTEAD.get(name, "")
-        if math.isfinite(value) and abs(value) > _LARGEST[name]:
-            yield f"{name} = {value:g}: must be at most {_LARGEST[name]:g} in size, or inf for none", key
-        elif turns and name in ("lower", "upper") and math.isfinite(value) and abs(value) > _MOST_TURNS:
+        if turns and name in ("lower", "upper") and math.isfinite(value) and abs(value) > _MOST_TURNS:
             yield f"{name} = {value:g}: must be in radians, at most {_MOST_TURNS:g} in size, or inf for none", key
         elif turns and name == "velocity" and _FASTEST < value < math.inf:
             yield f"velocity = {value:g}: must be in rad/s, at most {_FASTEST:g}, or inf for none", key
+        elif math.isfinite(value) and abs(value) > _LARGEST[name]:
+            yield f"{name} = {value:g}: must be at most {_LARGEST[name]:g} in size, or inf for none", key
         elif 0 < value < _SMALLEST.get(name, 0.0):
             yield f"{name} = {value:g}: must be at least {_SMALLEST[name]:g}, or inf for none", key
 

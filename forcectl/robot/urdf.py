@@ -296,7 +296,8 @@ class _Rewriting:
         name, kind = joint.get("name", ""), joint.get("type", "")
         if kind not in (*_MOVING, "fixed"):
             allowed = f"one of {', '.join(_MOVING)}, fixed"
-            self._problem(joint, f"joint {name!r}: type = {kind!r}: must be {allowed}")
+            drives = "; a base that moves is not simulated, make it fixed" if kind in ("planar", "floating") else ""
+            self._problem(joint, f"joint {name!r}: type = {kind!r}: must be {allowed}{drives}")
         mimic = joint.find("mimic")
         if mimic is not None:
             self._remove(joint, mimic)

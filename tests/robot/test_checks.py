@@ -90,7 +90,7 @@ HEAD = f"""<link name="head">{BODY.format(1, 1e-3)}</link>
 <joint name="antenna_mount" type="fixed"><parent link="{{}}"/><child link="antenna"/></joint></robot>"""
 # Of a head and what is fixed to it: what is written there; instead; how it is told.
 DOUBTS = [
-    ('velocity="2"', 'velocity="1e4"', "joint 'head_pan': velocity = 10000: must be at most 1000 in size, or inf for"),
+    ('velocity="2"', 'velocity="1e4"', "joint 'head_pan': velocity = 10000: must be in rad/s, at most 50, or inf for"),
     ('effort="5"', 'effort="1e9"', "joint 'head_pan': effort = 1e+09: must be at most 1e+06 in size, or inf for none"),
     (
         'lower="-1"',

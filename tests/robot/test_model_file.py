@@ -6,6 +6,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from forcectl.errors import BadInputError
 from forcectl.robot.model_file import ModelFile, parse_models
+from tests.examples.public_robots import write_stl
 
 MESH = "<mesh><uri>package://drake_models/veggies/pepper.obj</uri></mesh>"
 INCLUDED = "<include><uri>package://drake_models/veggies/pepper.sdf</uri></include>"
@@ -62,10 +63,10 @@ WRONG = [
     ("<pose>0 0 0.1", "<pose rotation_format='quat_xyzw'>0 0 0", "up to 10 and then 4 numbers up to 1e+09"),
     ("<xyz>0 0 1<", "<xyz>0 0 1e-300<", "line 8: joint 'wrist': axis is zero: must be a direction"),
     ("<lower>-1<", "<lower>nan<", "line 8: limit lower = 'nan': must be a number"),
-    ("<lower>-1<", "<lower>-1e9<", "line 8: joint 'wrist': lower = -1e+09: must be at most 10000 in size"),
+    ("<lower>-1<", "<lower>-1e9<", "line 8: joint 'wrist': lower = -1e+09: must be in radians, at most 50 in size"),
     ("<lower>-1<", "<lower>-170<", "joint 'wrist': lower = -170: must be in radians, at most 50 in size"),
     ("<effort>50<", "<effort>1e-12<", "joint 'wrist': effort = 1e-12: must be at least 0.0001"),
-    ("<velocity>3<", "<velocity>1e9<", "joint 'wrist': velocity = 1e+09: must be at most 1000 in size"),
+    ("<velocity>3<", "<velocity>1e9<", "joint 'wrist': velocity = 1e+09: must be in rad/s, at most 50, or inf"),
     ("<velocity>3<", "<velocity>0<", "joint 'wrist': velocity = 0: must be above zero, or left out for none"),
     (
         "</limit>",
@@ -147,6 +148,12 @@ def test_a_file_that_has_changed_is_read_again(tmp_path):
         assert ModelFile.read(file).bodies == names
 
 
+def parse(file):
+    plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    return parse_models(plant, {"own": ModelFile.read(file)}, [])
+
+
 @pytest.mark.parametrize("copied", [True, False])
 @pytest.mark.parametrize(
     ("part", "wrong"),
@@ -165,10 +172,19 @@ def test_errors_of_drake_have_the_line_of_the_file_not_of_a_copy(tmp_path, part,
     text = f'<robot name="own">\n<link name="a">{ball}</link>\n<link name="b"/>\n{mounts}\n{part}</robot>'
     file = tmp_path / "own.urdf"
     file.write_text(text)
-    plant, scene_graph = MultibodyPlant(0.0), SceneGraph()
-    plant.RegisterAsSourceForSceneGraph(scene_graph)
     with pytest.raises(BadInputError) as caught:
-        parse_models(plant, {"own": ModelFile.read(file)}, [])
+        parse(file)
     line = 1 + text[: text.index(part)].count("\n")
     assert str(caught.value).startswith(f"own.urdf: cannot be read: line {line}: ")
     assert wrong in str(caught.value)
+
+
+def test_of_mujoco_files_with_other_meshes_it_is_said_that_a_urdf_may_have_them(tmp_path):
+    geom = '<geom type="mesh" mesh="m"/>'
+    text = f'<asset><mesh name="m" file="m.stl"/></asset><worldbody><body name="a">{geom}</body></worldbody>'
+    (tmp_path / "own.xml").write_text(f'<mujoco model="own">{text}</mujoco>')
+    write_stl(tmp_path / "m.stl", (1, 1, 1), (0, 0, 0))
+    with pytest.raises(
+        BadInputError, match=r"line 1: .*\.obj.*was requested; only a URDF of the robot may have other m"
+    ):
+        parse(tmp_path / "own.xml")

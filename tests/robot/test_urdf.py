@@ -198,6 +198,11 @@ PROBLEMS = [
     ('lower="-3"', 'lower="-170"', "lower = -170: must be in radians, at most 50 in size, or inf for none"),
     ('effort="50"', 'effort="1e12"', "effort = 1e+12: must be at most 1e+06 in size, or inf for none"),
     ('velocity="2"', 'velocity="1e9"', "velocity = 1e+09: must be at most 1000 in size, or inf for none"),
+    (
+        'type="prismatic"',
+        'type="planar"',
+        "one of revolute, continuous, prismatic, fixed; a base that moves is not simul",
+    ),
     ('velocity="2"', 'velocity="140"', "velocity = 140: must be in rad/s, at most 50, or inf for none"),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><dynamics damping="-1"/>', "damping = -1: must be from 0 to 1e+06"),
     ('<origin xyz="0.2 0 0"/>', '<origin xyz="50 0 0"/>', "centre of mass 50 m from its origin: must be at"),

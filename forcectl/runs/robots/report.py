@@ -181,7 +181,8 @@ def _model_file(report: RobotReport, keys: Tagged, origin: str) -> Path | None:
     macros = [str(file.relative_to(report.folder)) for file in report.folder.glob("**/*.xacro")]
     if found:
         names = ", ".join(str(file.relative_to(report.folder)) for file in found)
-        report.problems.append(f"holds {len(found)} models: {names}: name one as `model:` in a {ROBOT_PARAMETERS} file")
+        how = f"name one as `model:` in a {ROBOT_PARAMETERS} file, or here: `forcectl robot {found[0]}`"
+        report.problems.append(f"holds {len(found)} models: {names}: {how}")
     elif macros:
         report.problems.append(f"holds no model but macros: expand them first, `xacro {macros[0]} > robot.urdf`")
     else:

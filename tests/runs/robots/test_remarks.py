@@ -44,7 +44,7 @@ def test_what_is_wrong_outside_of_the_arms_hides_nothing(tmp_path):
     report = examine_robot(folder)
     assert report.problems == []
     (note,) = [note for note in report.notes if "head_pan" in note]
-    assert "velocity = 10000: must be at most 1000 in size, or inf for none; accepted, as the joint is held" in note
+    assert "velocity = 10000: must be in rad/s, at most 50, or inf for none; accepted, as the joint is held" in note
     assert "head_pan: 0" in report.missing["held_joints"]
 
 
