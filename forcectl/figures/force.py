@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -26,6 +27,9 @@ Found = Mapping[str, Sequence[Any]]  # findings of every variant, see `forcectl.
 NOTHING: Found = {}
 _ONLY_VARIANT = "default"  # name of the variant of a scenario without variants
 _MOST_LABELLED = 12
+# Sizes of a legend above axes: width left for labels of the axis [in], of a letter on average and of what belongs to
+# each name beside it [letter sizes], most letters of a name.
+_MARGIN, _OF_LETTER, _BESIDE, _LONGEST = 1.0, 0.6, 4.0, 60
 _MOST_INSIDE = 6  # more entries of a legend than that would hide curves
 _MOST_MARKED = 8  # findings whose kinds are written
 _LETTER = 0.0075  # width of a letter of a kind, as a share of the time axis
@@ -239,12 +243,25 @@ def legend_above(axes: Axes, columns: int, size: float = 8.0) -> None:
 
     Args:
         axes: with their curves.
-        columns: of names.
+        columns: of names, at most; fewer where the names are too long for the width of the figure.
         size: of the letters [pt].
     """
-    if axes.get_legend_handles_labels()[1]:
-        look: dict[str, Any] = {"frameon": False, "fontsize": size, "loc": "lower left", "columnspacing": 1.0}
-        plain_names(axes.legend(bbox_to_anchor=(0.0, 1.0), ncol=columns, **look))
+    handles, names = axes.get_legend_handles_labels()
+    if not names:
+        return
+    figure = axes.get_figure(root=True)
+    room = (figure.get_figwidth() - _MARGIN) * 72 / size if figure is not None else math.inf  # [letter sizes]
+    longest = max(_BESIDE + _OF_LETTER * min(len(name), _LONGEST) for name in names)
+    look: dict[str, Any] = {"frameon": False, "fontsize": size, "loc": "lower left", "columnspacing": 1.0}
+    columns = max(1, min(columns, int(room / longest)))
+    shown = [_short(name) for name in names]
+    plain_names(axes.legend(handles, shown, bbox_to_anchor=(0.0, 1.0), ncol=columns, **look))
+
+
+def _short(name: str) -> str:
+    """A name without its middle, where it is too long for a legend."""
+    half = (_LONGEST - 1) // 2
+    return name if len(name) <= _LONGEST else f"{name[:half]}…{name[-half:]}"
 
 
 def plain_names(legend: Legend) -> None:

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from forcectl.analysis.transitions import Stay
 from forcectl.figures.force import as_svg
+from forcectl.figures.motion import speed_figure
 from forcectl.figures.of_variants import alignment_figure, kept_force_figure, surface_alignment_figure
 from forcectl.figures.transitions import transition_figure
 from forcectl.figures.wrench_errors import error_figure
@@ -29,3 +31,24 @@ def test_names_of_variants_are_no_formulas_and_may_be_missing(kind: str) -> None
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # such as one of a legend without entries
         as_svg(OF_VARIANTS[kind]([""]))
+
+
+@pytest.mark.parametrize(
+    "joint", ["arm_{}_{}_joint", "a_robot_with_a_name_of_its_own_and_a_very_long_one_arm_{}_{}_joint"]
+)
+def test_long_names_of_joints_leave_the_width_to_the_curves(joint: str) -> None:
+    joints = [joint.format(side, i) for side in ("left", "right") for i in range(1, 8)]
+    coordinates = {"time": TIME, "joint": joints, "arm": ["left", "right"]}
+    speeds = np.outer(np.sin(TIME), np.arange(14.0))
+    figure = speed_figure(xr.Dataset({"link_velocity": (("time", "joint"), speeds)}, coordinates), "a reach")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # such as one of axes without room
+        as_svg(figure)
+    width, height = figure.bbox.width, figure.bbox.height
+    for axes in figure.axes:
+        legend = axes.get_legend()
+        assert legend is not None
+        assert len(legend.get_texts()) == 7
+        assert legend.get_window_extent().x1 < width
+        assert axes.bbox.width > 0.8 * width
+        assert axes.bbox.height > 0.2 * height

@@ -243,10 +243,7 @@ def _binary(folder):
 
 MISTAKES = [
     (_empty, "holds no model: must hold a .urdf, .sdf or MuJoCo .xml file"),
-    (
-        _two,
-        "copy.urdf, planar.urdf: name one as `model:` in a *.control.yaml file, or here: `forcectl robot ",
-    ),
+    (_two, "planar.urdf: name one as `model:` in a *.control.yaml file, or here: `forcectl robot "),
     (_macro, "expand them first, `xacro arm.urdf.xacro > robot.urdf`"),
     (_still, "no joint moves: must hold an arm"),
     (_no_arm, "unknown joint 'elbw'"),
