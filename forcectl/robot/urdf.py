@@ -9,7 +9,7 @@ are replaced or removed in a copy of the text:
 - `<dynamics>`: removed; damping and friction of a joint are those of its drive, see `forcectl.robot.assumptions`;
 - transmissions of joints without a torque limit, and gear ratios: removed, see `forcectl.robot.parts` for both;
 - transmissions without a joint that moves: removed;
-- materials: defined before their use, and one name for each colour (`forcectl.robot.urdf_materials`);
+- materials: defined before their use, and one name for each colour;
 - inertias of links with zero mass: removed (in a link that moves they are refused);
 - slightly impossible inertias: replaced by possible ones (very impossible ones are refused in a link that moves);
 - addresses of packages: replaced by the files they name, see `package_folders`.
@@ -43,8 +43,7 @@ from forcectl.robot.ranges import (
     wrong_friction,
     wrong_limits,
 )
-from forcectl.robot.urdf_materials import order_materials
-from forcectl.robot.urdf_text import lines_of_copy, package_folders, parse_xml, wrong_elements
+from forcectl.robot.urdf_text import lines_of_copy, order_materials, package_folders, parse_xml, wrong_elements
 
 Element = ElementTree.Element
 

@@ -222,6 +222,7 @@ STORIES = {
     )),
     "public urdf": Story((
         Step("forcectl robot acme_support/urdf", ("acme_support/urdf: complete",)),
+        Step("forcectl robot acme_support/urdf/arm.urdf", ("acme_support/urdf: complete",)),
         Step("forcectl run press.yaml", ("steady_state_error_N", "results in runs/press-1")),
         Step("forcectl run reach.yaml", ("reach_offset_mm", "results in runs/reach-1")),
     ), page="from_a_public_urdf.md", prepare=write_public_arm),

@@ -1,4 +1,4 @@
-"""Materials of URDF files: defined after their use, twice, or never."""
+"""The text of URDF files: materials that are defined after their use, twice, or never."""
 
 import pytest
 from pydrake.geometry import SceneGraph
