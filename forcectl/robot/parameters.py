@@ -93,7 +93,7 @@ class ControlParameters(Config):
     held_joints: dict[str, float] = key(
         {}, "joints of the model without a drive here, such as a gripper's: fixed at this position", unit="rad, m"
     )
-    default_posture_deg: np.ndarray = key(meaning="joint positions of the default posture", unit="deg")
+    default_posture_deg: np.ndarray = key(meaning="default posture; sliding joints: [m] times 180/pi", unit="deg")
     characteristic_length: float = key(
         meaning="divisor of lengths in the singularity measure: half the reach", unit="m", bounds="from 1e-3 to 100"
     )

@@ -32,6 +32,7 @@ from forcectl.runs.robots.values import (
     proposed,
     provisional,
     refused_limits,
+    sliding,
 )
 
 _SUFFIXES = (".urdf", ".sdf", ".xml")
@@ -318,6 +319,8 @@ def _understand(
     parameters, found = explorer.parts.parameters, explorer.explore(parameters.characteristic_length)
     posture = found.posture if "default_posture_deg" in unknown else parameters.default_posture
     report.robot = LoadedRobot(parameters, explorer, found, posture)
+    if "default_posture_deg" in unknown:
+        report.advice += sliding(explorer)
     texts = proposed(explorer, found, posture, known)
     report.missing |= {name: f"{name}: {text}" for name, text in texts.items() if name in asked}
     ignored = [(min(pair), max(pair)) for pair in parameters.ignored_collisions]

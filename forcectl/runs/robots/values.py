@@ -142,17 +142,25 @@ def proposed(explorer: Explorer, found: Found, posture: Array, known: Mapping[st
         known: see `known_limits`.
     """
     turns = np.array([isinstance(joint, RevoluteJoint) for joint in explorer.parts.joints])
+    degrees = np.degrees(posture)
     acceleration = PROVISIONAL["velocity_limit"] / ACCELERATION_TIME
     need = 2 * (found.gravity + found.inertia * acceleration + _PUSH * found.leverage)
     torque = [float(f"{max(each, 1.0):.2g}") for each in need]
     return {
-        "default_posture_deg": listed(np.where(turns, np.degrees(posture).round(1), posture)),
+        "default_posture_deg": listed(np.where(turns, degrees.round(1), degrees)),
         "characteristic_length": f"{0.5 * found.reach:.2g}",
         "velocity_limit": listed(provisional(known)["velocity_limit"]),
         "torque_limit": listed(
             bounded("torque_limit", np.where(np.isfinite(own := known["torque_limit"]), own, torque))
         ),
     }
+
+
+def sliding(explorer: Explorer) -> list[str]:
+    """How `default_posture_deg` is meant for joints that slide; nothing for a robot without any."""
+    joints = [joint.name() for joint in explorer.parts.joints if not isinstance(joint, RevoluteJoint)]
+    meant = "in default_posture_deg stands its position in m times 57.296, as if they were radians"
+    return [f"{', '.join(joints)}: slides; {meant}"] if joints else []
 
 
 def _has(plant: MultibodyPlant, name: str) -> bool:

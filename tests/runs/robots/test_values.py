@@ -1,7 +1,11 @@
 """Values that are proposed for limits: what the model gives stays, and what is refused is asked for at once."""
 
+import numpy as np
+
 from forcectl.runs.robots.report import examine_robot
+from tests.examples.public_robots import arm_xml
 from tests.examples.robot_folders import write_planar_robot
+from tests.runs.robots.test_proposal import moved
 
 LIMITS = 'effort="50" velocity="2"'
 
@@ -38,3 +42,20 @@ def test_the_last_line_says_where_more_may_be_missing(tmp_path, forcectl):
     (tmp_path / "robot/planar.control.yaml").write_text("characteristic_length: 0.5\n")
     _, out, _ = forcectl("robot", "robot")
     assert " missing, 5 problems; further missing keys are reported after correction" in " ".join(out.split())
+
+
+def test_the_posture_of_a_sliding_joint_is_read_as_it_was_proposed(tmp_path):
+    lift = moved("base_link", "lift", "torso", kind="prismatic").replace('upper="0.04"', 'upper="0.35"')
+    arm = arm_xml("acme", effort=200).replace('parent link="base_link"', 'parent link="torso"')
+    lift = lift.replace('xyz="0 1 0"', 'xyz="0 0 1"').replace('effort="20"', 'effort="2000"')
+    (tmp_path / "arm.urdf").write_text(f'<robot name="arm"><link name="base_link"/>{lift}{arm}</robot>')
+    report = examine_robot(tmp_path)
+    assert report.problems == []
+    assert any(
+        text.startswith("lift: slides; in default_posture_deg stands its position in m") for text in report.advice
+    )
+    (tmp_path / "my.control.yaml").write_text(report.yaml())
+    again = examine_robot(tmp_path)
+    assert again.complete
+    np.testing.assert_allclose(again.robot.posture, report.robot.posture, atol=1e-3)
+    assert report.robot.posture[0] > 0.02
