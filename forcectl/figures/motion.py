@@ -58,16 +58,19 @@ def motion_figures(log: Any, title: str = "", findings: Found = NOTHING) -> dict
 
 
 def speed_figure(log: Any, title: str = "") -> Figure:
-    """Joint speeds over time, one row per arm."""
+    """Joint speeds over time, one row per arm.
+
+    The log does not say which arm a joint is of. Rows are named by arm where all can have as many joints.
+    """
     arms, joints = ([str(name) for name in log[part].values] for part in ("arm", "joint"))
-    each = len(joints) // len(arms)
+    alike = len(joints) % len(arms) == 0
     figure, rows = stacked(len(arms), 8.0, 0.9 + 2.6 * len(arms), title)
-    for i, (arm, axes) in enumerate(zip(arms, rows, strict=True)):
-        for k, joint in enumerate(joints[i * each : (i + 1) * each]):
-            axes.plot(log["time"], log["link_velocity"].sel(joint=joint), color=colour_of(k), lw=1.2, label=joint)
+    for arm, own, axes in zip(arms, np.array_split(joints, len(arms)), rows, strict=True):
+        for k, joint in enumerate(own):
+            axes.plot(log["time"], log["link_velocity"].sel(joint=joint), color=colour_of(k), lw=1.2, label=str(joint))
         least, most = axes.get_ylim()  # rounding of an arm at rest must not look like motion
         axes.set_ylim(min(least, -_AT_REST), max(most, _AT_REST))
-        axes.set_ylabel(f"{arm}: joint speed [rad/s]")
+        axes.set_ylabel(f"{arm}: joint speed [rad/s]" if alike else "joint speed [rad/s]")
         legend_above(axes, 7, 7.0)
     return figure
 

@@ -27,3 +27,12 @@ def test_the_rounding_of_an_arm_that_stands_is_not_drawn_as_motion(speed, shown)
     )
     (axes,) = speed_figure(log).axes
     assert axes.get_ylim() == pytest.approx((-shown, shown), rel=0.11)
+
+
+@pytest.mark.parametrize(("count", "label"), [(6, "left: joint speed [rad/s]"), (7, "joint speed [rad/s]")])
+def test_all_joints_are_drawn_and_none_under_the_name_of_another_arm(count, label) -> None:
+    joints = [f"joint_{k}" for k in range(count)]
+    coordinates = {"time": np.linspace(0.0, 1.0, 5), "joint": joints, "arm": ["left", "right"]}
+    rows = speed_figure(xr.Dataset({"link_velocity": (("time", "joint"), np.ones((5, count)))}, coordinates)).axes
+    assert [line.get_label() for axes in rows for line in axes.lines] == joints
+    assert rows[0].get_ylabel() == label
