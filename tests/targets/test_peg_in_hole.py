@@ -12,7 +12,7 @@ from forcectl.framework.yaml_tree import parse
 from forcectl.models import models_folder
 
 TUBE, PLUNGER = "station.environment.parts.tube", "station.environment.parts.plunger"
-RINGS = {"station.environment.parts.seat": parse("!PegInBore {peg: plunger, bore: tube}", "rings")}
+SPRINGS = {"station.environment.parts.seat": parse("!PegInBore {peg: plunger, bore: tube}", "springs")}
 BESIDE = {f"{TUBE}.misplaced": {"offset": 0.06, "direction_deg": 90.0}}
 # 0.7 s less at the start: what follows begins earlier by as much.
 QUICK = {"controller.modes.settle.exits.0.when": "time > 0.3 and reached > 0.5"}
@@ -69,7 +69,7 @@ def gone_back(end: Stay, log: Any) -> float:
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_ends_in_a_named_failure_with_small_forces(fault: str) -> None:
     overrides, mode, begins, after = FAULTS[fault]
-    end, _ = failed(RINGS | overrides)
+    end, _ = failed(SPRINGS | overrides)
     assert end.mode == mode
     assert end.begin - begins == pytest.approx(after, abs=0.012)  # [s] three ticks
 
@@ -81,7 +81,7 @@ def test_a_force_that_is_too_large_draws_the_plunger_back() -> None:
         "controller.always.3.when": "abs(insert_force.force_z) > 5.5",
         "controller.modes.align.references.insert.z.force": 4.0,
     }
-    end, log = failed(RINGS | guard | {"after_end": 0.6})
+    end, log = failed(SPRINGS | guard | {"after_end": 0.6})
     assert end.mode == "too_hard"
     assert gone_back(end, log) == pytest.approx(BACK, abs=5e-4)
 

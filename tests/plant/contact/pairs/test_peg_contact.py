@@ -144,7 +144,7 @@ def test_at_rest_it_balances_the_grasp(time_step, stiffness):
 def test_it_inserts_with_the_force_of_the_geometry(clearance, seed):
     """Tips up to 3 mm and 5 degrees off, at 75 mm/s, within 15 %: mean and largest force of 60 mm, and mean of 40 mm.
 
-    docs/holding.md has the largest differences of forty at each clearance. The facets of the shapes are up to 0.1 mm
+    docs/holding.md has the largest differences of fifty at each clearance. The facets of the shapes are up to 0.1 mm
     deep, and so 0.1 N on the springs across.
     """
     (misaligned,) = map(at_tip, misalignments(1, seed=seed))
