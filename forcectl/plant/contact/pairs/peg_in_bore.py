@@ -29,10 +29,12 @@ from scipy.linalg.lapack import dgesv
 from forcectl.arrays import Array, Indices
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
+from forcectl.framework.kernels import largest
 
 SLIP = 1e-3  # [m/s] slip speed below which friction is regularised, smaller than Coulomb's
 _LONG, _WIDE = "above 0 and at most 2", "above 0 and at most 0.5"  # [m] sizes of parts that arms can assemble
-_PASSES = 4  # iterations for the depths and the friction
+_PASSES = 4  # most iterations for the depths and the friction
+_SAME = 1e-7  # [m] change of the depths in an iteration, below which it is the last
 _TINY = 1e-12
 _IDENTITY = np.eye(6)
 _STRAIGHT = _IDENTITY[3:].ravel()
@@ -201,7 +203,8 @@ def touching(profile: PegProfile, R: Array, p: Array) -> Touch | None:
         return None
     points = np.concatenate([peg_points, profile.on_bore])[active]
     outward = np.concatenate([normals, other_normals])[active]
-    faces = np.concatenate([profile.faces_of_peg @ R.T, profile.faces_of_bore], axis=1)[:, active]
+    of_peg, of_bore = active[active < 2 * _COUNT], active[active >= 2 * _COUNT] - 2 * _COUNT
+    faces = np.concatenate([profile.faces_of_peg[:, of_peg] @ R.T, profile.faces_of_bore[:, of_bore]], axis=1)
     slopes = np.einsum("jpi,pi->jp", faces, outward)
     lengths = _lengths(profile, R, p, peg_points[_COUNT:, 2], active, slopes)
     normals = np.concatenate([normals, -other_normals])[active]
@@ -236,38 +239,49 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
         step: h [s].
     """
     n, unit = touch.normals, config.stiffness * touch.widths
-    response, along, then = step * mobility, np.zeros(len(n)), free
-    areas, lengths, centres = _bed(touch, touch.depths)
-    points = (centres @ _LEVERS + _STRAIGHT).reshape(-1, 3, 6)  # Jacobians
+    response, along, then, depths = step * mobility, np.zeros(len(n)), free, touch.depths
+    areas, lengths, used = _bed(touch, depths)
+    points = (_centres(touch, areas, used) @ _LEVERS + _STRAIGHT).reshape(-1, 3, 6)  # Jacobians
     rows, every = np.einsum("ij,ijk->ik", n, points), points.reshape(-1, 6)
+    separation_speed = free_speed = rows @ free
     for _ in range(_PASSES):
         elastic, stiffness = unit * areas, unit * lengths
         # Of the force constant - firm rows V+, linearised about these depths.
-        constant, firm = elastic + step * stiffness * (rows @ then), stiffness * (step + config.relaxation_time)
-        pushing = constant > firm * (rows @ then)
+        constant, firm = elastic + step * stiffness * separation_speed, stiffness * (step + config.relaxation_time)
+        pushing = constant > firm * separation_speed
         # Springs and dampers along the normals; friction as a damper along the faces.
         damper = (rows.T * (firm * pushing - along)) @ rows
         damper += (points * along[:, None, None]).reshape(-1, 6).T @ every
         then = dgesv(_IDENTITY + response @ damper, free + response @ ((pushing * constant) @ rows))[2]
         separation_speed = rows @ then
         pressed = np.maximum(constant - firm * separation_speed, 0.0)
-        areas, lengths, _ = _bed(touch, touch.depths - step * (separation_speed - rows @ free))
         slip = (every @ then).reshape(-1, 3) - separation_speed[:, None] * n
         along = config.friction * pressed / np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
+        before, depths = depths, touch.depths - step * (separation_speed - free_speed)
+        if largest(np.abs(depths - before)) < _SAME:
+            break
+        areas, lengths, _ = _bed(touch, depths)
     force = pressed[:, None] * n - along[:, None] * slip
     return force.ravel() @ every
 
 
 def _bed(touch: Touch, depths: Array) -> tuple[Array, Array, Array]:
-    """Integrals of the depth along the faces [m^2], their derivatives by the depth [m], and centres of pressure [m].
+    """Integrals of the depth along the faces [m^2], their derivatives by the depth [m], and the lengths in contact [m].
 
     Args:
         touch: the points, p of them.
         depths: in place of those of the points; without contact where they are negative (p,) [m].
+
+    Returns:
+        of both faces together, shapes (p,) and (p,), and of each, shape (2, p).
     """
     d, s = np.maximum(depths, 0.0), touch.slopes
     length = np.where(s * touch.lengths > d, d / np.maximum(s, _TINY), touch.lengths) * (depths > 0)
-    area = (d * length - 0.5 * s * length**2).sum(axis=0)
-    moment = length**2 * (0.5 * d - s * length / 3)
-    shift = np.einsum("jp,jpi->pi", moment, touch.faces) / np.maximum(area, _TINY**2)[:, None]
-    return area, length.sum(axis=0), touch.points + shift
+    return (length * (d - 0.5 * s * length)).sum(axis=0), length.sum(axis=0), length
+
+
+def _centres(touch: Touch, areas: Array, lengths: Array) -> Array:
+    """Centres of pressure of the points at their depths, shape (p, 3) [m]; the rest from `_bed`."""
+    moments = lengths**2 * (0.5 * touch.depths - touch.slopes * lengths / 3)
+    shift: Array = np.einsum("jp,jpi->pi", moments, touch.faces) / np.maximum(areas, _TINY**2)[:, None]
+    return touch.points + shift
