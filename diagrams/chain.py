@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcectl.diagrams.model import Setting
+from forcectl.diagrams.model import NO_LAG, Setting
+from forcectl.diagrams.signals import force_source
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, about, bound
 from forcectl.force.chain import ForceChain, Margins
@@ -34,7 +35,7 @@ def force_chain(law: Any, parts: Any, setting: Setting, index: int, share: float
     workcell = setting.workcell
     pressing = partial(_pressing, workcell, workcell.contacts[index])
     response = law.sampled_response(setting.model.loop(index))
-    return ForceChain(_measuring(parts, setting), response * share, pressing)
+    return ForceChain(_measuring(parts, setting, index), response * share, pressing)
 
 
 def check_stability(parts: Any, setting: Setting) -> None:
@@ -140,17 +141,16 @@ def _above_one(radius: float) -> str:
     return next((text for text in texts if float(text) > 1.0), f"{radius:.17g}")
 
 
-def _measuring(parts: Any, setting: Setting) -> StateSpace:
-    """Response from the contact force to the measured one: as the estimator or sensor states it, else its lag."""
-    chosen = parts.signals.get("measured_force")
-    projected = hasattr(chosen, "force_lag")
-    sources = parts.estimators if projected else parts.station.sensors
-    source: Any = next((each for each in sources.values() if hasattr(each, "force_lag")), None)
+def _measuring(parts: Any, setting: Setting, index: int) -> StateSpace:
+    """Response from the contact force to the measured one: as its sensor or estimator states it, else with its lag."""
+    name = getattr(parts.controller, "measured_signal", "measured_force")
+    source, factor = force_source(name, parts, setting.workcell.contacts[index].n)
     if hasattr(source, "force_response"):
-        response = source.force_response(setting.truth)
-    else:
-        response = sensor_response(setting.truth)
-    return response * getattr(chosen, "factor", 1.0)
+        with about(source):
+            return source.force_response(setting.truth) * factor
+    bandwidth, ratio, delay = NO_LAG if source is None else source.force_lag()
+    lag = replace(setting.truth, sensor_bandwidth=bandwidth, sensor_damping_ratio=ratio, sensor_delay=delay)
+    return sensor_response(lag) * factor
 
 
 def _laws(controller: Any, model: PlantModel, share: float = 1.0) -> list[tuple[Any, float]]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, PortDataType, System
@@ -24,14 +24,19 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.estimation.wrench_between import WrenchBetween
 from forcectl.framework.block import of_ports
 from forcectl.framework.fields import Config, key
+from forcectl.framework.linear_batch import state_space
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
 
 # Scenario parts that put a signal out, for messages.
 _MAKERS = {
     "estimated_wrench": "estimators: {force: !ForceEstimator {}}",
     "torque_elsewhere": "estimators: {force: !KalmanForceEstimator {}}",
 }
+_SENSED = ("measured_force", "measured_wrench")
 
 
 class SignalChoice(Protocol):
@@ -41,11 +46,30 @@ class SignalChoice(Protocol):
         """The port that is the signal of this name."""
 
 
+def force_source(name: str, parts: Any, n: np.ndarray) -> tuple[Any, float]:
+    """The sensor or estimator that a measured force or wrench comes from, and the factor on the force along n.
+
+    A choice of the scenario answers with its own `force_source`. Without one it is the first sensor that states a lag,
+    for a wrench that no sensor outputs the first such estimator; None if there is none.
+
+    Args:
+        name: of the signal.
+        parts: of the loop, `LoopParts`.
+        n: outward normal of the surface in the world, shape (3,).
+    """
+    choice = parts.signals.get(name)
+    if hasattr(choice, "force_source"):
+        return choice.force_source(name, parts, n)
+    sources = parts.station.sensors if name in _SENSED and not hasattr(choice, "force_lag") else parts.estimators
+    return next((each for each in sources.values() if hasattr(each, "force_lag")), None), 1.0
+
+
 @dataclass(kw_only=True)
 class FromConfig(Config):
     """Scenario part `!From`: a signal that the named part outputs.
 
-    With several force sensors, controllers are designed with the lag of the first.
+    With several force sensors, controllers are designed with the lag of the first. The check for stability uses the lag
+    of the chosen one.
     """
 
     part: str = key(meaning="part that outputs the signal: station, reference, motion, or the name of an estimator")
@@ -72,6 +96,15 @@ class FromConfig(Config):
             raise unknown("part", self.part, offers)
         return offers[self.part]
 
+    def force_source(self, name: str, parts: Any, n: np.ndarray) -> tuple[Any, float]:
+        """The named estimator, or the sensor whose name the signal begins with; see `force_source`."""
+        signal, sensors = self.signal or name, parts.station.sensors
+        chosen = [each for title, each in sensors.items() if signal in [f"{title}_{kind}" for kind in _SENSED]]
+        if self.part != "station":
+            chosen = [parts.estimators[self.part]] if self.part in parts.estimators else []
+        # The first sensor's signals have no prefix; a part that states no lag counts as one that adds none.
+        return next((each for each in (*chosen, *sensors.values()) if hasattr(each, "force_lag")), None), 1.0
+
 
 @dataclass(kw_only=True)
 class ExactConfig(Config):
@@ -92,6 +125,14 @@ class ExactConfig(Config):
         if self.of not in known:
             raise unknown("truth", self.of, known).at("of")
         return known[self.of]
+
+    def force_source(self, name: str, parts: Any, n: np.ndarray) -> tuple[Any, float]:
+        """This part, which has no lag; see `force_source`."""
+        return self, 1.0
+
+    def force_response(self, model: PlantModel) -> StateSpace:
+        """From the contact force to itself."""
+        return state_space(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.eye(1), model.period)
 
 
 @dataclass(kw_only=True)
@@ -144,6 +185,12 @@ class ProjectionConfig(Config):
     def force_lag(self, estimators: Mapping[str, Any]) -> tuple[float, float, float]:
         """Lag of the force with these estimators: bandwidth [rad/s], damping ratio [1], delay [s]."""
         return force_lag(estimators)
+
+    def force_source(self, name: str, parts: Any, n: np.ndarray) -> tuple[Any, float]:
+        """The source of the wrenches, and `factor` times the cosine of the angle to n; see `force_source`."""
+        source, factor = force_source(self.of, parts, n)
+        along = n if isinstance(self.along, str) else unit_normal(self.along, "along")
+        return source, factor * self.factor * float(along @ n)
 
     def _direction(self, arm: str, model: PlantModel) -> np.ndarray:
         if not isinstance(self.along, str):

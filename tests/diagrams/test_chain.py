@@ -114,6 +114,55 @@ def test_the_factor_of_a_projection_is_a_gain_of_the_loop():
     assert largest(twice) < 0.7 * largest(SENSORLESS)
 
 
+def test_the_direction_of_a_projection_is_a_gain_of_the_loop():
+    along = {
+        axis: largest(SENSORLESS.replace("along: normal", f"along: {axis}")) for axis in ("[0, 0, 2]", "[1, 0, 1]")
+    }
+    half = largest(SENSORLESS.replace("along: normal", "along: normal, factor: 0.7071067811865476"))
+    assert along == {"[0, 0, 2]": largest(SENSORLESS), "[1, 0, 1]": pytest.approx(half)}
+    # The force of the wrong sign pushes the tool into the surface.
+    assert largest(SENSORLESS.replace("along: normal", "along: [0, 0, -1]")) == 0.0
+
+
+TWO_SENSORS = (
+    ONE_ARM
+    + """
+station: {sensors: {force: !WristForce {bandwidth: FIRST}, other: !WristForce {bandwidth: SECOND}}}
+signals: {measured_force: !From {part: station, signal: SIGNAL}}
+"""
+)
+
+
+def test_the_lag_is_that_of_the_sensor_that_is_read():
+    alone = {width: largest(ONE_ARM, **{"station.sensors.force.bandwidth": width}) for width in (20.0, 5.0)}
+    assert alone[5.0] < 0.6 * alone[20.0]
+    for signal, read in (("measured_force", 20.0), ("other_measured_force", 5.0)):
+        text = TWO_SENSORS.replace("FIRST", "20.0").replace("SECOND", "5.0").replace("SIGNAL", signal)
+        assert largest(text) == alone[read]
+
+
+def test_a_hybrid_controller_reads_the_wrench():
+    reads = "signals: {measured_wrench: !From {part: station, signal: SIGNAL}}"
+    sensors = (
+        "fidelity: Multibody, sensors: {force: !WristForce {bandwidth: 20.0}, other: !WristForce {bandwidth: 5.0}}"
+    )
+    text = PRESSED.replace("fidelity: Multibody", sensors).replace("WITHIN", WITHIN["!Hybrid"]) + reads
+    first, other = (limit_of(text.replace("SIGNAL", name)) for name in ("measured_wrench", "other_measured_wrench"))
+    assert other < 0.6 * first
+
+
+def test_the_lag_is_that_of_the_estimator_that_is_read_and_the_truth_has_none():
+    both = "estimators: {force: !ForceEstimator {gain: 60.0}, slow: !ForceEstimator {gain: 8.0}}"
+    for name, gain in (("force", 60.0), ("slow", 8.0)):
+        choice = f"signals: {{estimated_wrench: !From {{part: {name}}}, measured_force"
+        two = SENSORLESS.replace("estimators: {force: !ForceEstimator {}}", both).replace(
+            "signals: {measured_force", choice
+        )
+        assert largest(two) == largest(SENSORLESS, **{"estimators.force.gain": gain})
+    exact = SENSORLESS.replace("signals: {", "signals: {estimated_wrench: !Exact {of: tip_wrench}, ")
+    assert largest(exact) > 3 * largest(SENSORLESS)
+
+
 def has_a_law_inside(cls: Any) -> bool:
     """Whether a configuration, or one of those in its keys, has a slot for a controller."""
     found = False

@@ -62,6 +62,8 @@ class DirectionConfig(Config):
 class HybridConfig(Config):
     """Scenario part `!Hybrid`."""
 
+    measured_signal = "measured_wrench"  # that the controller reads in place of measured_force
+
     directions: dict[str, DirectionConfig] = key(
         meaning="force-controlled directions x, y, z along, and rx, ry, rz about, the axes of the task frame; the "
         "others are motion-controlled"
