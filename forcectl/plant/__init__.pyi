@@ -3,7 +3,6 @@ from forcectl.plant.compliance import joint_compliance as joint_compliance
 from forcectl.plant.compliance import link_compliance as link_compliance
 from forcectl.plant.contact.compliant_contact import CompliantContact as CompliantContact
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig as EnvironmentConfig
-from forcectl.plant.contact.compliant_contact import LinearContact as LinearContact
 from forcectl.plant.contact.contact_monitor import ContactMode as ContactMode
 from forcectl.plant.contact.contact_monitor import ContactMonitor as ContactMonitor
 from forcectl.plant.contact.contact_truth import BodyContact as BodyContact
@@ -14,6 +13,7 @@ from forcectl.plant.contact.contact_truth import bodies_named as bodies_named
 from forcectl.plant.contact.contact_truth import wrench_between as wrench_between
 from forcectl.plant.contact.gripper_opening import Grasp as Grasp
 from forcectl.plant.contact.gripper_opening import GripperOpening as GripperOpening
+from forcectl.plant.contact.linear_contact import LinearContact as LinearContact
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.pairs.cap_contact import CapContact as CapContact
 from forcectl.plant.contact.pairs.cap_contact import CapOnMountConfig as CapOnMountConfig

@@ -19,8 +19,9 @@ from forcectl.force.invariance.fourth_degree import FourthDegreeForceLaw
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
 from forcectl.framework.linear_batch import LinearBatch
 from forcectl.motion.references import Reference, held_trajectory
-from forcectl.plant.contact.compliant_contact import CompliantContact, LinearContact
+from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.plant.contact.contact_monitor import ContactMonitor
+from forcectl.plant.contact.linear_contact import LinearContact
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.drives.commanded import CommandedMotion
 from forcectl.plant.drives.drive import Drive

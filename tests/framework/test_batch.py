@@ -18,8 +18,9 @@ from forcectl.force.invariance.correction import InvarianceCorrection
 from forcectl.force.invariance.force_law import InvarianceForceLaw
 from forcectl.framework.batch import batch_values, check, whole_multiple
 from forcectl.motion.references import Reference
-from forcectl.plant.contact.compliant_contact import CompliantContact, LinearContact
+from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.plant.contact.contact_monitor import ContactMonitor
+from forcectl.plant.contact.linear_contact import LinearContact
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.drives.servo import Servo, ServoCore
 from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor, sensor_filter

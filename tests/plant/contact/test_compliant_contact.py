@@ -13,11 +13,11 @@ from forcectl.errors import BadInputError
 from forcectl.plant.contact.compliant_contact import (
     CompliantContact,
     EnvironmentConfig,
-    LinearContact,
     damped_contact,
     dissipative_contact,
     elastic_force,
 )
+from forcectl.plant.contact.linear_contact import LinearContact
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.testing import assert_ports, run_diagram
 
@@ -60,13 +60,6 @@ def test_force_is_displacement_over_total_compliance(dx, k, c_r):
     expected = max(0.0, -dx / (c_r + 1 / k))
     assert force_at(block, dx).item() == pytest.approx(expected, rel=1e-12)
     assert elastic_force(dx, 1 / (c_r + 1 / k)) == pytest.approx(expected, rel=1e-12)
-
-
-@given(displacements, stiffnesses, compliances)
-@settings(max_examples=50)
-def test_linear_contact_also_pulls(dx, k, c_r):
-    force = force_at(LinearContact(1, stiffness=k, robot_compliance=c_r), dx).item()
-    assert force == pytest.approx(-dx / (c_r + 1 / k), rel=1e-12)
 
 
 @given(displacements, displacements, stiffnesses, st.floats(0.0, 1e4), compliances)
@@ -210,7 +203,6 @@ def test_an_undamped_contact_has_no_state_and_refuses_damping_later():
 
 def test_ports():
     assert_ports(CompliantContact(2, stiffness=1e3), {"displacement": 2}, {"contact_force": 2})
-    assert_ports(LinearContact(2, stiffness=1e3), {"displacement": 2}, {"contact_force": 2})
 
 
 @pytest.mark.parametrize(
@@ -222,10 +214,9 @@ def test_ports():
         ({"stiffness": [1e3, 1e4, 1e5]}, "stiffness"),
     ],
 )
-@pytest.mark.parametrize("kind", [CompliantContact, LinearContact])
-def test_bad_arguments_are_refused(kind, arguments, told):
+def test_bad_arguments_are_refused(arguments, told):
     with pytest.raises(BadInputError, match=told):
-        kind(2, **arguments)
+        CompliantContact(2, **arguments)
 
 
 @pytest.mark.parametrize(
