@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -13,16 +15,72 @@ from forcectl.diagrams.model import NO_LAG, Setting
 from forcectl.diagrams.signals import force_source
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, about, bound
-from forcectl.force.chain import ForceChain, Margins
+from forcectl.force.chain import ForceChain, Margins, largest_stable
 from forcectl.force.sensor_lag import sensor_response
 from forcectl.framework.linear_batch import state_space
 from forcectl.plant.plant_model import PlantModel
+
+_LEAST_GAIN = 1e-6  # of the measured force; below it there is no feedback, or one of the wrong sign
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
 
 
-def force_chain(law: Any, parts: Any, setting: Setting, index: int, share: float = 1.0) -> ForceChain:
+@dataclass(frozen=True)
+class Pressed:
+    """A contact around a constant force, as a linear system.
+
+    Attributes:
+        key: of its stiffness in the environment's part.
+        stiffness: K_E [N/m].
+        force: around which the contact is linear [N].
+        contact: with an environment of this stiffness everywhere, whose dissipation is a damping.
+    """
+
+    key: str
+    stiffness: float
+    force: float
+    contact: Contact
+
+    @property
+    def damping(self) -> float:
+        """D_E of a surface [N s/m]; 0 of an environment that is a part of your own."""
+        return self.contact.environment.damping if hasattr(self.contact.environment, "pressed") else 0.0
+
+    def with_damping(self, damping: float) -> Pressed:
+        """The same with another D_E [N s/m]."""
+        environment = copy(self.contact.environment)
+        environment.damping = damping
+        return replace(self, contact=replace(self.contact, environment=environment))
+
+
+def pressed_contacts(parts: Any, contact: Contact) -> list[Pressed]:
+    """A contact on each surface that it names, at the smallest and the largest desired force if they matter.
+
+    Args:
+        parts: of the loop, `LoopParts`.
+        contact: of its workcell.
+    """
+    environment = contact.environment
+    named = {"first_stiffness": environment.first_stiffness}
+    if hasattr(environment, "stiffnesses"):
+        named = environment.stiffnesses()
+    if not hasattr(environment, "pressed"):
+        return [Pressed(key, stiffness, 0.0, contact) for key, stiffness in named.items()]
+    forces = [0.0]
+    if environment.dissipation:
+        largest = parts.reference.largest_force()
+        forces = sorted({getattr(parts.reference, "smallest_force", lambda: largest)(), largest})
+    return [
+        Pressed(key, stiffness, force, replace(contact, environment=environment.pressed(key, force)))
+        for key, stiffness in named.items()
+        for force in forces
+    ]
+
+
+def force_chain(
+    law: Any, parts: Any, setting: Setting, index: int, share: float = 1.0, pressed: Pressed | None = None
+) -> ForceChain:
     """The linear force loop of one contact: the law as designed with its model, on the true plant.
 
     Args:
@@ -31,11 +89,15 @@ def force_chain(law: Any, parts: Any, setting: Setting, index: int, share: float
         setting: of the loop.
         index: of the contact.
         share: factor from 0 to 1 on the contact's stiffness in the loop of this law, see `forcectl.force.slot`.
+        pressed: the contact; None: the first one of `pressed_contacts`.
     """
     workcell = setting.workcell
-    pressing = partial(_pressing, workcell, workcell.contacts[index])
+    if pressed is None:
+        pressed = pressed_contacts(parts, workcell.contacts[index])[0]
     response = law.sampled_response(setting.model.loop(index))
-    return ForceChain(_measuring(parts, setting, index), response * share, pressing)
+    return ForceChain(
+        _measuring(parts, setting, index), response * share, partial(_pressing, workcell, pressed.contact)
+    )
 
 
 def check_stability(parts: Any, setting: Setting) -> None:
@@ -50,18 +112,18 @@ def check_stability(parts: Any, setting: Setting) -> None:
         setting: of the loop.
 
     Raises:
-        BadInputError: the loop is unstable; the message has the numbers and the largest stable stiffness.
+        BadInputError: the loop is unstable; the message has the numbers and the largest stable stiffness or damping.
     """
     for index, contact in enumerate(setting.workcell.contacts):
         for law, share in _laws(parts.controller, setting.truth.loop(index)):
             if not getattr(law, "must_be_stable", False):
                 continue
-            chain = force_chain(law, parts, setting, index, share)
-            for key, stiffness in _named(contact).items():
-                if chain.is_stable(stiffness):
-                    continue
+            made = partial(force_chain, law, parts, setting, index, share)
+            unstable = [each for each in pressed_contacts(parts, contact) if not made(each).is_stable(each.stiffness)]
+            if unstable:
+                same = [each for each in unstable if each.key == unstable[0].key]
                 with about(contact.environment):
-                    raise BadInputError(_fault(chain, law, stiffness, setting.truth.period), key=key)
+                    raise _fault(made, law, same, setting.workcell)
 
 
 @dataclass(frozen=True)
@@ -106,29 +168,67 @@ def loop_margins(parts: Any, setting: Setting) -> list[LoopMargins]:
         parts: of the loop, `LoopParts`.
         setting: of the loop.
     """
-    found = []
+    found: list[LoopMargins] = []
     for index, contact in enumerate(setting.workcell.contacts):
         for law, share in _laws(parts.controller, setting.truth.loop(index)):
             if getattr(law, "gains_from", None) is not None:
                 continue
-            chain, tag = force_chain(law, parts, setting, index, share), type(law).__name__.removesuffix("Config")
-            for key, stiffness in _named(contact).items():
-                margins = vars(chain.margins(stiffness))
-                found.append(LoopMargins(**margins, contact=contact.name, law=tag, key=key, stiffness=stiffness))
+            tag = type(law).__name__.removesuffix("Config")
+            worst: dict[str, LoopMargins] = {}
+            for pressed in pressed_contacts(parts, contact):
+                chain, key = force_chain(law, parts, setting, index, share, pressed), pressed.key
+                margins = vars(chain.margins(pressed.stiffness))
+                one = LoopMargins(**margins, contact=contact.name, law=tag, key=key, stiffness=pressed.stiffness)
+                worst[key] = min(worst.get(key, one), one, key=lambda each: (each.stable, each.gain))
+            found += worst.values()
     return found
 
 
-def _fault(chain: ForceChain, law: Any, stiffness: float, period: float) -> str:
-    """Message about an unstable stiffness [N/m], with the largest stable one, rounded down."""
-    largest = chain.largest_stiffness(stiffness)
-    other = "with another controller: no stiffness is stable"
-    if largest:
-        other = f"at most {bound(largest, math.floor, 4)} N/m"
-    radius = _above_one(chain.spectral_radius(stiffness))
-    return (
-        f" = {stiffness:g} N/m is unstable with inertia = {law.inertia:g} kg and damping = {law.damping:g} N s/m: the "
-        f"largest pole of the sampled loop is {radius} at a tick of {period:g} s: must be {other}"
-    )
+def _fault(
+    made: Callable[[Pressed], ForceChain], law: Any, unstable: list[Pressed], workcell: Workcell
+) -> BadInputError:
+    """The error about a contact: with its largest stable stiffness, or its largest damping where that is the cause.
+
+    Args:
+        made: the loop of a contact.
+        law: the force law.
+        unstable: the contact around the forces at which it is unstable, in increasing order.
+        workcell: of the contact.
+    """
+    least, most = unstable[0], unstable[-1]
+    stiffness, filter_ = least.stiffness, f"inertia = {law.inertia:g} kg and damping = {law.damping:g} N s/m"
+
+    def damped(damping: float) -> bool:
+        return made(most.with_damping(damping)).is_stable(stiffness)
+
+    def pole(pressed: Pressed) -> str:
+        radius = _above_one(made(pressed).spectral_radius(stiffness))
+        return f"the largest pole of the sampled loop is {radius} at a tick of {workcell.period:g} s"
+
+    if most.damping and damped(0.0):
+        name, unit, about_force, force = "damping", "N s/m", "", most.force or 1.0
+        if most.force:
+            name, unit, about_force = "dissipation", "s/m", f" about {most.force:g} N"
+        value, largest = most.damping / force, largest_stable(damped, most.damping) / force
+        allowed = f"at most {bound(largest, math.floor, 4) if largest else 0} {unit}"
+        fault = f"{value:g} {unit} is too much{about_force} on {stiffness:g} N/m with {filter_}: {pole(most)}"
+        return BadInputError(f" = {fault}: must be {allowed}", key=most.key.removesuffix("stiffness") + name)
+    chain = made(least)
+    limit = chain.largest_stiffness(stiffness)
+    if limit:
+        allowed = f"must be at most {bound(limit, math.floor, 4)} N/m"
+    elif (measured := _static_gain(chain.sensor)) < _LEAST_GAIN:
+        allowed = f"must have a measured force that rises with the contact force, not {measured:.3g} times that force"
+    else:
+        allowed = "no stiffness is stable: must have another controller"
+        if least.damping:
+            contact = f"with the contact's damping of {least.damping:g} N s/m"
+            allowed = f"no stiffness is stable {contact}: must have another controller, or less of it"
+    return BadInputError(f" = {stiffness:g} N/m is unstable with {filter_}: {pole(least)}: {allowed}", key=least.key)
+
+
+def _static_gain(system: StateSpace) -> float:
+    return float((system.D + system.C @ np.linalg.solve(np.eye(len(system.A)) - system.A, system.B)).item())
 
 
 def _finite(value: Any) -> bool:
@@ -158,14 +258,6 @@ def _laws(controller: Any, model: PlantModel, share: float = 1.0) -> list[tuple[
     if hasattr(controller, "force_laws"):
         return [each for law, part in controller.force_laws(model) for each in _laws(law, model, share * part)]
     return [(controller, share)] if hasattr(controller, "sampled_response") else []
-
-
-def _named(contact: Contact) -> dict[str, float]:
-    """Stiffnesses of a contact that the scenario states [N/m], by key."""
-    environment = contact.environment
-    if hasattr(environment, "stiffnesses"):
-        return environment.stiffnesses()
-    return {"first_stiffness": environment.first_stiffness}
 
 
 def _pressing(workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:

@@ -122,7 +122,7 @@ class JointInterfaceConfig(Config):
         mass = workcell.robot.mass_matrix(context) + np.diag(workcell.rotor_inertia)
         inertia = np.diag(np.diag(mass))  # that the servos are tuned for
         series = 1 + contact.robot_compliance * stiffness
-        damping = getattr(contact.environment, "least_damping", 0.0)
+        damping = getattr(contact.environment, "damping", 0.0)
         force = -np.concatenate([stiffness * contact.row, damping * contact.row, np.zeros(n)]) / series
         speed, holding = gains.velocity * inertia, gains.velocity * gains.position * inertia
         eye, zero = np.eye(n), np.zeros((n, n))

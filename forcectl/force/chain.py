@@ -95,7 +95,7 @@ class ForceChain:
         Returns:
             0.0 if it is unstable for every stiffness, infinity if it is stable for every one.
         """
-        return _limit(self.is_stable, stiffness)
+        return largest_stable(self.is_stable, stiffness)
 
     def margins(self, stiffness: float) -> Margins:
         """The stability margins of the loop, with a contact of this stiffness [N/m].
@@ -105,7 +105,7 @@ class ForceChain:
         loop = self.open_loop(stiffness)
         if len(loop.A) > _MOST_STATES:
             return Margins(self.is_stable(stiffness), *[np.nan] * 5)
-        gain = _limit(lambda factor: bool(np.abs(_closed(loop, factor)).max() < 1.0 - _MARGIN), 1.0)
+        gain = largest_stable(lambda factor: bool(np.abs(_closed(loop, factor)).max() < 1.0 - _MARGIN), 1.0)
         stable = gain >= 1.0
         phase, delay, crossover = _crossing(loop) if stable else (np.nan, np.nan, np.nan)
         return Margins(stable, self.largest_stiffness(stiffness), gain, phase, delay, crossover)
@@ -116,7 +116,7 @@ def _closed(loop: StateSpace, factor: float) -> NDArray[np.complex128]:
     return np.linalg.eigvals(loop.A + factor * loop.B @ loop.C)
 
 
-def _limit(stable: Callable[[float], bool], start: float) -> float:
+def largest_stable(stable: Callable[[float], bool], start: float) -> float:
     """The value up to which `stable` holds, searched from `start` on; 0.0 if it never holds, infinity if always."""
     if stable(start):
         tried = start * np.logspace(0, _DECADES, _DECADES * _PER_DECADE + 1)

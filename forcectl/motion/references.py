@@ -113,6 +113,15 @@ class _ForceReference:
         breaks = trajectory.get_segment_times()
         return float(max(trajectory.value(t).max() for t in breaks))
 
+    def smallest_force(self) -> float:
+        """Smallest force above zero that the reference asks for where it changes [N]; 0: there is none."""
+        trajectory = self.trajectory()
+        if isinstance(trajectory, PiecewisePolynomial):
+            forces = np.ravel([trajectory.value(t) for t in trajectory.get_segment_times()])
+        else:
+            forces = np.ravel(trajectory)
+        return float(min(forces[forces > 0], default=0.0))
+
     def add_to(self, builder: DiagramBuilder, size: int) -> Reference:
         """Add the block `reference` with the output `desired_force`, shape (n,) [N]."""
         trajectory = self.trajectory()
@@ -245,6 +254,10 @@ class SineConfig(Config, in_batches=True):
     def largest_force(self) -> float:
         """Largest force the reference asks for [N]."""
         return self.force + self.amplitude
+
+    def smallest_force(self) -> float:
+        """Smallest force the reference asks for [N]."""
+        return self.force - self.amplitude
 
     def add_to(self, builder: DiagramBuilder, size: int) -> Reference:
         """Add the block `reference` with the output `desired_force`, shape (n,) [N]."""

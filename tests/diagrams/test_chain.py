@@ -11,7 +11,7 @@ from forcectl.diagrams.chain import force_chain
 from forcectl.diagrams.loop import Loop
 from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key_of, typed_fields
-from forcectl.framework.yaml_tree import parse
+from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.scenario.catalog import SLOTS
 from forcectl.scenario.scenario import load_scenario
 from forcectl.scenario.schema import load_object
@@ -102,6 +102,55 @@ def test_every_material_is_looked_at():
     assert "station.environment.surface.materials.segments.1" in message
 
 
+def materials(*pairs: tuple[float, float]) -> dict[str, Any]:
+    """Segments of these stiffnesses [N/m] and dampings [N s/m], side by side."""
+    places = [{"material": "custom", "start": 0.2 * i - 0.1, "end": 0.2 * i + 0.1} for i in range(len(pairs))]
+    segments = [place | {"stiffness": K, "damping": D} for place, (K, D) in zip(places, pairs, strict=True)]
+    return {"station.environment.surface.materials.segments": segments}
+
+
+def test_every_material_has_its_own_damping():
+    # Each of the two is damped enough, or little enough, for its own stiffness alone.
+    built(ONE_ARM, **materials((3e3, 0.0), (6e3, 400.0)))
+    segments = "station.environment.surface.materials.segments"
+    message = refused(ONE_ARM, **materials((3e3, 400.0), (6e3, 0.0)))
+    assert f"{segments}.1.stiffness = 6000 N/m is unstable" in message
+    message = refused(ONE_ARM, **materials((3e3, 0.0), (3e3, 2500.0)))
+    assert f"{segments}.1.damping = 2500 N s/m is too much on 3000 N/m with inertia = 3 kg" in message
+
+
+def test_too_much_damping_of_the_contact_is_named():
+    stiff = {"station.environment.stiffness": 4e3}
+    message = refused(ONE_ARM, **stiff, **{"station.environment.damping": 1600.0})
+    assert "station.environment.damping = 1600 N s/m is too much on 4000 N/m with inertia = 3 kg" in message
+    largest_damping = float(message.split("must be at most ")[1].split()[0])
+    built(ONE_ARM, **stiff, **{"station.environment.damping": largest_damping})
+    refused(ONE_ARM, **stiff, **{"station.environment.damping": 1.002 * largest_damping})
+    # Without it the surface would be too stiff; with it every surface is unstable.
+    message = refused(ONE_ARM, **{"station.environment.stiffness": 6e3, "station.environment.damping": 2500.0})
+    assert "station.environment.stiffness = 6000 N/m is unstable" in message
+    assert "no stiffness is stable with the contact's damping of 2500 N s/m: must have another controller" in message
+
+
+def test_dissipation_is_damping_about_the_smallest_and_the_largest_desired_force():
+    damping = 400.0
+    limit = largest(ONE_ARM, **{"station.environment.damping": damping})
+    for force in (8.0, 16.0):
+        changes = {"reference.force": force, "station.environment.dissipation": damping / force}
+        assert largest(ONE_ARM, **changes) == pytest.approx(limit)
+    steps = {"reference": Tagged({"times": [0.0, 1.0, 2.0], "forces": [4.0, 20.0, 0.0]}, "Sequence")}
+    stiff = {"station.environment.stiffness": 6e3}
+    built(ONE_ARM, **stiff, **{"station.environment.dissipation": 50.0, "reference.force": 8.0})
+    # About 4 N it is too little damping for so stiff a surface, about 20 N too much for a soft one.
+    assert "stiffness = 6000 N/m is unstable" in refused(
+        ONE_ARM, **stiff, **steps, **{"station.environment.dissipation": 20.0}
+    )
+    message = refused(ONE_ARM, **steps, **{"station.environment": {"stiffness": 4e3, "dissipation": 60.0}})
+    assert "station.environment.dissipation = 60 s/m is too much about 20 N on 4000 N/m" in message
+    dissipation = float(message.split("must be at most ")[1].split()[0])
+    built(ONE_ARM, **steps, **{"station.environment": {"stiffness": 4e3, "dissipation": dissipation}})
+
+
 def test_a_law_behind_a_governor_is_looked_at():
     inside = ONE_ARM.replace("!Admittance {", "!Governed {inner_bandwidth: 1.5, law: !Admittance {").replace(
         "0.0}", "0.0}}"
@@ -121,7 +170,8 @@ def test_the_direction_of_a_projection_is_a_gain_of_the_loop():
     half = largest(SENSORLESS.replace("along: normal", "along: normal, factor: 0.7071067811865476"))
     assert along == {"[0, 0, 2]": largest(SENSORLESS), "[1, 0, 1]": pytest.approx(half)}
     # The force of the wrong sign pushes the tool into the surface.
-    assert largest(SENSORLESS.replace("along: normal", "along: [0, 0, -1]")) == 0.0
+    message = refused(SENSORLESS.replace("along: normal", "along: [0, 0, -1]"))
+    assert "must have a measured force that rises with the contact force, not -1 times that force" in message
 
 
 TWO_SENSORS = (

@@ -240,6 +240,22 @@ def test_largest_force(config, largest):
 
 
 @pytest.mark.parametrize(
+    ("config", "smallest"),
+    [
+        (StepConfig(force=10.0), 10.0),
+        (StepConfig(force=10.0, start_time=1.0), 10.0),
+        (RampConfig(force=5.0, initial_force=8.0), 5.0),
+        (SequenceConfig(times=[0.0, 1.0, 2.0], forces=[7.0, 0.0, 3.0]), 3.0),
+        (StepConfig(force=0.0), 0.0),
+        (SineConfig(force=15.0, amplitude=5.0), 10.0),
+        (SineConfig(force=5.0, amplitude=5.0), 0.0),
+    ],
+)
+def test_smallest_force_above_zero(config, smallest):
+    assert config.smallest_force() == smallest
+
+
+@pytest.mark.parametrize(
     ("build", "told"),
     [
         (lambda: StepConfig(force=math.nan), "force"),

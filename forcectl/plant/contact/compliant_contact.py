@@ -21,6 +21,7 @@ equation.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -292,11 +293,6 @@ class EnvironmentConfig(Config, in_batches=True):
             return self.stiffness, self.damping
         return None, None if materials.damped else 0.0
 
-    @property
-    def least_damping(self) -> float:
-        """The smallest D_E [N s/m]."""
-        return self.damping if self.surface.materials is None else min(self.surface.materials.path().damping)
-
     def stiffnesses(self) -> dict[str, float]:
         """Each K_E given in the scenario [N/m], by key."""
         materials = self.surface.materials
@@ -305,10 +301,31 @@ class EnvironmentConfig(Config, in_batches=True):
         segments = enumerate(materials.segments)
         return {f"surface.materials.segments.{i}.stiffness": each.environment_stiffness for i, each in segments}
 
+    def pressed(self, name: str, force: float) -> EnvironmentConfig:
+        """The surface around a constant contact force, with one of its stiffnesses everywhere.
+
+        About a force F the dissipation d_E is the damping F d_E.
+
+        Args:
+            name: key of the stiffness, see `stiffnesses`; its segment has a damping of its own.
+            force: F [N].
+        """
+        one = copy(self)
+        one.damping, one.dissipation = self.damping + force * self.dissipation, 0.0
+        if self.surface.materials is not None:
+            segment = self.surface.materials.segments[int(name.split(".")[-2])]
+            one.stiffness, one.damping = segment.environment_stiffness, segment.damping
+            one.surface = copy(self.surface)
+            one.surface.materials = None
+        return one
+
     def sampled_response(self, stiffness: float, robot_compliance: float, period: float) -> StateSpace:
-        """From [dx, dx'] to the force, without contact loss, for another K_E [N/m]; see `contact_response`."""
+        """From [dx, dx'] to the force, without contact loss, for another K_E [N/m]; see `contact_response`.
+
+        Of a surface of several materials or with dissipation, it is that of `pressed`.
+        """
         if self.one_sided:
-            return contact_response(stiffness, self.least_damping, robot_compliance, period)
+            return contact_response(stiffness, self.damping, robot_compliance, period)
         gain = [[-stiffness / (1 + robot_compliance * stiffness), -self.damping]]
         return state_space(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), gain, period)
 

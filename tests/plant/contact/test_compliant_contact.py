@@ -19,6 +19,7 @@ from forcectl.plant.contact.compliant_contact import (
 )
 from forcectl.plant.contact.linear_contact import LinearContact
 from forcectl.plant.contact.surface import SurfaceConfig
+from forcectl.plant.contact.surface_materials import MaterialsConfig, SegmentConfig
 from forcectl.testing import assert_ports, run_diagram
 
 displacements = st.floats(-1e-2, 1e-2)
@@ -243,6 +244,22 @@ def test_a_two_sided_contact_with_a_damper_is_that_of_the_torque_on_a_peg():
         config.add_to(DiagramBuilder(), 1, 0.004, robot_compliance=1e-5)
     with pytest.raises(BadInputError, match=r"damping = 100.0: must be 0 with one_sided = false and heights"):
         EnvironmentConfig(damping=100.0, one_sided=False, surface=SurfaceConfig(slope=0.1))
+
+
+def test_a_pressed_surface_is_one_of_its_segments_and_its_dissipation_is_damping():
+    """F = K z (1 + d z') about F_0 = K z_0 is F_0 + K dz + F_0 d z'."""
+    dissipative = EnvironmentConfig(stiffness=5e3, dissipation=20.0).pressed("stiffness", 15.0)
+    plain = EnvironmentConfig(stiffness=5e3, damping=300.0).sampled_response(5e3, 3e-5, 0.002)
+    np.testing.assert_array_equal(dissipative.sampled_response(5e3, 3e-5, 0.002).D, plain.D)
+    halves = [
+        SegmentConfig(material="custom", start=-0.1, end=0.0, stiffness=1e3, damping=0.0),
+        SegmentConfig(material="custom", start=0.0, end=0.1, stiffness=5e3, damping=300.0),
+    ]
+    config = EnvironmentConfig(surface=SurfaceConfig(materials=MaterialsConfig(segments=halves)))
+    second = config.pressed(list(config.stiffnesses())[1], 15.0)
+    assert second.stiffnesses() == {"stiffness": 5e3}
+    np.testing.assert_array_equal(second.sampled_response(5e3, 3e-5, 0.002).D, plain.D)
+    assert len(config.stiffnesses()) == 2, "the configuration itself is as before"
 
 
 @pytest.mark.parametrize(("one_sided", "kind"), [(True, CompliantContact), (False, LinearContact)])
