@@ -65,9 +65,12 @@ class PositionDriveConfig(Config, in_batches=True):
     def pressing(self, workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:
         """Response from [dx_bar, its rate] to the contact force for this K_E [N/m], per tick, without friction.
 
-        The stiffness on the link side is that at rest; the inertia of the links is left out.
+        The stiffness on the link side is that at rest; the inertia of the links is left out. With dynamics the command
+        has a delay of at least one plant step, see `PositionDrive`.
         """
-        moved = self.servo.sampled_response(workcell.period) * self.position_loop.sampled_response(workcell.period)
+        step = workcell.config.time_step if workcell.has_dynamics else 0.0
+        reference = self.position_loop.sampled_response(workcell.period, step)
+        moved = self.servo.sampled_response(workcell.period) * reference
         return contact.sampled_response(stiffness, workcell.period) * moved
 
     def needed_torque(self, workcell: Workcell, springs: Vector, speeds: Vector) -> Vector:

@@ -102,6 +102,19 @@ def test_every_material_is_looked_at():
     assert "station.environment.surface.materials.segments.1" in message
 
 
+def test_a_drive_with_dynamics_has_a_command_delay_of_at_least_a_plant_step():
+    quick = {
+        "station.period": 0.004,
+        "station.sensors.force.bandwidth": 200.0,
+        "station.drive.position_loop.delay": 0.0,
+    }
+    late = quick | {"station.drive.position_loop.delay": 0.004}
+    limits = [largest(ONE_ARM, **quick, **{"station.time_step": step}) for step in (0.004, 0.002, 1e-4)]
+    assert limits[0] == largest(ONE_ARM, **late) < limits[1] < limits[2]
+    light = {name: largest(ONE_ARM, **quick, **{"station.fidelity": name}) for name in ("Kinematic", "OneDimensional")}
+    assert light["Kinematic"] == light["OneDimensional"] == pytest.approx(limits[2], rel=0.02)
+
+
 def materials(*pairs: tuple[float, float]) -> dict[str, Any]:
     """Segments of these stiffnesses [N/m] and dampings [N s/m], side by side."""
     places = [{"material": "custom", "start": 0.2 * i - 0.1, "end": 0.2 * i + 0.1} for i in range(len(pairs))]

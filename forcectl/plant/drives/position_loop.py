@@ -145,11 +145,24 @@ class PositionLoopConfig(Config, in_batches=True):
         bounds=f"not negative, at most {LONGEST_COMMAND_DELAY:g}",
     )
 
-    def sampled_response(self, period: float) -> StateSpace:
-        """From [command, its rate] to [reference, its rate] of one axis; the rate of the command is not used."""
+    def sampled_response(self, period: float, least_delay: float = 0.0) -> StateSpace:
+        """From [command, its rate] to [reference, its rate] of one axis; the rate of the command is not used.
+
+        Args:
+            period: tick [s].
+            least_delay: of the command, in place of a smaller `delay`; from 0 to the tick [s].
+        """
         a, b = _held(self.bandwidth, self.damping_ratio, period)
         ticks = whole_multiple("delay", self.delay, period, "period")
-        one = behind_delay(a, b, np.eye(2), np.zeros((2, 1)), ticks, period)
+        late = least_delay if ticks == 0 else 0.0
+        if 0.0 < late < period:
+            # Until `late` after a tick the filter has the command of the tick before, u_old. State [x, u_old].
+            _, old = _held(self.bandwidth, self.damping_ratio, late)
+            rest, new = _held(self.bandwidth, self.damping_ratio, period - late)
+            a, b = np.block([[a, rest @ old], [np.zeros((1, 3))]]), np.vstack([new, [[1.0]]])
+        elif late:
+            ticks = 1
+        one = behind_delay(a, b, np.eye(2, len(a)), np.zeros((2, 1)), ticks, period)
         return state_space(one.A(), one.B() @ [[1.0, 0.0]], one.C(), np.zeros((2, 2)), period)
 
     def add_to(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.systems.framework import DiagramBuilder
-from scipy.signal import cont2discrete, lsim
+from scipy.signal import cont2discrete, dlsim, lsim
 
 from forcectl.errors import BadInputError
 from forcectl.plant.drives.position_loop import (
@@ -200,3 +200,19 @@ def test_config_adds_the_block():
         period=0.002,
     )
     assert_matches_model(response, transfer(30.0, 0.8), atol=1e-9)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 4])
+def test_a_least_delay_of_a_part_of_a_tick_is_that_of_a_filter_at_the_plants_rate(steps):
+    """A command per tick of four steps; the filter at the rate of the steps, behind a delay of some of them."""
+    tick, config = 0.004, PositionLoopConfig(bandwidth=150.0, damping_ratio=0.7, delay=0.0)
+    commands = np.random.default_rng(3).normal(size=40)
+    held = np.repeat(commands, 4)
+    quick = PositionLoopConfig(bandwidth=150.0, damping_ratio=0.7, delay=steps * tick / 4).sampled_response(tick / 4)
+    fine = dlsim(quick, np.stack([held, np.zeros_like(held)], axis=1))[1]
+    response = config.sampled_response(tick, steps * tick / 4)
+    coarse = dlsim(response, np.stack([commands, np.zeros_like(commands)], axis=1))[1]
+    np.testing.assert_allclose(coarse, fine[::4], atol=1e-9)
+    # A larger delay of the configuration stays as it is.
+    late = PositionLoopConfig(delay=tick)
+    np.testing.assert_array_equal(late.sampled_response(tick, tick / 4).A, late.sampled_response(tick).A)
