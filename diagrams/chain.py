@@ -16,9 +16,9 @@ from forcectl.diagrams.signals import force_source
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, about, bound
 from forcectl.force.chain import ForceChain, Margins, largest_stable
+from forcectl.force.combined import described, linear_laws
 from forcectl.force.sensor_lag import sensor_response
 from forcectl.framework.linear_batch import state_space
-from forcectl.plant.plant_model import PlantModel
 
 _LEAST_GAIN = 1e-6  # of the measured force; below it there is no feedback, or one of the wrong sign
 
@@ -115,7 +115,7 @@ def check_stability(parts: Any, setting: Setting) -> None:
         BadInputError: the loop is unstable; the message has the numbers and the largest stable stiffness or damping.
     """
     for index, contact in enumerate(setting.workcell.contacts):
-        for law, share in _laws(parts.controller, setting.truth.loop(index)):
+        for law, share in linear_laws(parts.controller, setting.truth.loop(index)):
             if not getattr(law, "must_be_stable", False):
                 continue
             made = partial(force_chain, law, parts, setting, index, share)
@@ -170,10 +170,10 @@ def loop_margins(parts: Any, setting: Setting) -> list[LoopMargins]:
     """
     found: list[LoopMargins] = []
     for index, contact in enumerate(setting.workcell.contacts):
-        for law, share in _laws(parts.controller, setting.truth.loop(index)):
+        for law, share in linear_laws(parts.controller, setting.truth.loop(index)):
             if getattr(law, "gains_from", None) is not None:
                 continue
-            tag = type(law).__name__.removesuffix("Config")
+            tag = getattr(law, "tag", type(law).__name__.removesuffix("Config"))
             worst: dict[str, LoopMargins] = {}
             for pressed in pressed_contacts(parts, contact):
                 chain, key = force_chain(law, parts, setting, index, share, pressed), pressed.key
@@ -196,7 +196,7 @@ def _fault(
         workcell: of the contact.
     """
     least, most = unstable[0], unstable[-1]
-    stiffness, filter_ = least.stiffness, f"inertia = {law.inertia:g} kg and damping = {law.damping:g} N s/m"
+    stiffness, filter_ = least.stiffness, described(law)
 
     def damped(damping: float) -> bool:
         return made(most.with_damping(damping)).is_stable(stiffness)
@@ -251,13 +251,6 @@ def _measuring(parts: Any, setting: Setting, index: int) -> StateSpace:
     bandwidth, ratio, delay = NO_LAG if source is None else source.force_lag()
     lag = replace(setting.truth, sensor_bandwidth=bandwidth, sensor_damping_ratio=ratio, sensor_delay=delay)
     return sensor_response(lag) * factor
-
-
-def _laws(controller: Any, model: PlantModel, share: float = 1.0) -> list[tuple[Any, float]]:
-    """The linear force laws of one loop, nested ones as well, each with its share of the stiffness."""
-    if hasattr(controller, "force_laws"):
-        return [each for law, part in controller.force_laws(model) for each in _laws(law, model, share * part)]
-    return [(controller, share)] if hasattr(controller, "sampled_response") else []
 
 
 def _pressing(workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:

@@ -294,6 +294,34 @@ def test_an_axis_beside_the_normal_feels_its_share_of_the_stiffness():
     assert limit_of(tilted(35.0, x=LAW, z=LAW)) == whole
 
 
+def test_unlike_laws_in_two_axes_are_checked_together():
+    nearly = LAW.replace("150.0", "150.1")
+    assert limit_of(tilted(45.0, x=LAW, z=nearly)) == pytest.approx(limit_of(tilted(45.0, x=LAW, z=LAW)), rel=2e-3)
+    stiffer = LAW.replace("150.0", "300.0")
+    message = refused(tilted(45.0, x=stiffer, z=LAW))
+    both = "inertia = 3 kg and damping = 300 N s/m, together with inertia = 3 kg and damping = 150 N s/m"
+    assert f"station.environment.stiffness = 20000 N/m is unstable with {both}: the largest pole" in message
+    limits = [limit_of(tilted(0.0, z=law)) for law in (LAW, stiffer)]
+    assert limits[0] < limit_of(tilted(45.0, x=stiffer, z=LAW)) < limits[1]
+    missing = tilted(60.0, x="!Integral {}", z=LAW).replace("compliance: 1e-4", "compliance: null")
+    assert "controller.directions.z.compliance: must be given" in refused(missing)
+    # A law inside another is combined as well; one across the normal is not.
+    behind = f"!Passive {{law: {stiffer}}}"
+    assert limit_of(tilted(45.0, x=behind, z=LAW)) == limit_of(tilted(45.0, x=stiffer, z=LAW))
+    assert limit_of(tilted(0.0, x=stiffer, z=LAW)) == limits[0]
+
+
+@pytest.mark.slow
+def test_the_force_along_two_axes_settles_below_the_limit_and_swings_beyond(monkeypatch):
+    text = tilted(45.0, x=LAW.replace("150.0", "300.0"), z=LAW)
+    limit = limit_of(text)
+    early, late = swing(text, 0.85 * limit, 4.0)
+    assert late < 0.5 * early
+    monkeypatch.setattr(loop, "check_stability", lambda parts, setting: None)
+    early, late = swing(text, 1.15 * limit, 4.0)
+    assert late > 0.95 * early > 1.0
+
+
 @pytest.mark.slow
 def test_the_force_along_such_an_axis_settles_below_the_limit_and_swings_beyond(monkeypatch):
     text = tilted(35.0, z=LAW)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.estimation.surface_offset import Sliding
+from forcectl.force.combined import CombinedLaw, CombinedLaws, linear_laws
 from forcectl.force.hybrid.motion import HybridMotion
 from forcectl.force.hybrid.surface_normal import SurfaceNormal
 from forcectl.force.hybrid.task_axes import DIRECTIONS, TaskAxes, TaskWrench
@@ -113,18 +115,28 @@ class HybridConfig(Config):
         """The laws along axes that are not tangential to the surface at the start; see `forcectl.force.slot`.
 
         The component a'n of the force acts along an axis a, and a'n of its command moves the tool along the normal: the
-        share is (a'n)^2. The shares of equal laws add up. A force at the TCP has no torque about an axis.
+        share is (a'n)^2. All of them act on the one normal at the same time: the shares of equal laws add up, and
+        unlike laws are combined, each with the model of its direction. A force at the TCP has no torque about an axis.
         """
         axes = self._axes(model)
         rotation = axes.rotation(axes.robot.context_at(model.start), model.n if axes.follow else None)
-        shares = zip(DIRECTIONS[3:], (model.n @ rotation) ** 2, strict=True)
-        loaded = [(self.directions[name].law, float(share)) for name, share in shares if name in self.directions]
-        laws: list[tuple[Any, float]] = []
-        for law, _ in loaded:
-            whole = sum(share for other, share in loaded if other == law)
-            if whole > _ACROSS and (law, whole) not in laws:
-                laws.append((law, whole))
-        return laws
+        shares = zip(DIRECTIONS[3:], ((model.n @ rotation) ** 2).tolist(), strict=True)
+        loaded = [(name, share) for name, share in shares if name in self.directions and share > _ACROSS]
+        laws = [self.directions[name].law for name, _ in loaded]
+        if all(law == laws[0] for law in laws):
+            return [(laws[0], sum(share for _, share in loaded))] if loaded else []
+        combined: list[CombinedLaw] = []
+        separate: list[tuple[Any, float]] = []
+        for name, share in loaded:
+            direction = self.directions[name]
+            inside = linear_laws(direction.law, model, share)
+            if len(inside) == 1:
+                combined.append(CombinedLaw(*inside[0], partial(_designed, direction, name, axes)))
+            else:
+                separate += inside
+        if len(combined) > 1:
+            return [*separate, (CombinedLaws(tuple(combined), "Hybrid"), 1.0)]
+        return [*separate, *((each.law, each.share) for each in combined)]
 
     def _axes(self, model: PlantModel) -> TaskAxes:
         rotation = RollPitchYaw(np.radians(self.rotation_deg)).ToRotationMatrix().matrix()
@@ -173,6 +185,11 @@ def direction_model(model: PlantModel, axes: TaskAxes, name: str, compliance: fl
         sensor_range=np.inf if turns else model.sensor_range,
         pulls=turns or model.pulls,
     )
+
+
+def _designed(direction: DirectionConfig, name: str, axes: TaskAxes, model: PlantModel) -> PlantModel:
+    with about(direction):
+        return direction_model(model, axes, name, direction.compliance)
 
 
 class Hybrid(PythonDiagram):
@@ -267,8 +284,7 @@ def _add_law(
     builder: DiagramBuilder, name: str, direction: DirectionConfig, axes: TaskAxes, model: PlantModel
 ) -> System:
     """Add the law of a direction."""
-    with about(direction):
-        own = direction_model(model, axes, name, direction.compliance)
+    own = _designed(direction, name, axes, model)
     inner, tag = DiagramBuilder(), type(direction.law).__name__
     law = add_part(direction.law, f"directions.{name}.law", inner, own)
     inputs = input_names(law)
