@@ -30,7 +30,8 @@ A configuration of a force law may have `sampled_response(model)`, the law as a 
 `forcectl check` reports the stability margins, see `forcectl.force.chain`. With `must_be_stable` it is refused where
 the sampled loop is unstable, and must have the attributes `inertia` and `damping`. A law inside another configuration
 is found if that has `force_laws(model)`, which returns pairs of a law and its share of the contact's stiffness, from 0
-to 1.
+to 1. Each pair is a loop of its own; laws that act on one normal at the same time are one law, see
+`forcectl.force.combined`.
 """
 
 from __future__ import annotations
