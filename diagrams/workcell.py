@@ -17,11 +17,11 @@ from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
 from forcectl.framework.wiring import add_part, made_by
 from forcectl.plant.compliance import compliance_along, robot_compliance
-from forcectl.plant.contact.linear_contact import contact_response
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.pairs.pair_contact import PairContactPart
 from forcectl.plant.contact.part import PartConfig
 from forcectl.plant.contact.surface import SurfaceConfig
+from forcectl.plant.linear_contact import contact_response
 from forcectl.plant.sensors.force_fault import check_acts
 from forcectl.plant.sensors.joint_sensors import ReadingFault
 from forcectl.robot.model import RobotModel, unit_normal

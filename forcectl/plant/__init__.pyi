@@ -13,7 +13,6 @@ from forcectl.plant.contact.contact_truth import bodies_named as bodies_named
 from forcectl.plant.contact.contact_truth import wrench_between as wrench_between
 from forcectl.plant.contact.gripper_opening import Grasp as Grasp
 from forcectl.plant.contact.gripper_opening import GripperOpening as GripperOpening
-from forcectl.plant.contact.linear_contact import LinearContact as LinearContact
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.pairs.cap_contact import CapContact as CapContact
 from forcectl.plant.contact.pairs.cap_contact import CapOnMountConfig as CapOnMountConfig
@@ -63,6 +62,7 @@ from forcectl.plant.drives.servo import ServoCore as ServoCore
 from forcectl.plant.drives.servo import ServoGains as ServoGains
 from forcectl.plant.drives.servo import servo_gains as servo_gains
 from forcectl.plant.drives.torque_drive import TorqueDrive as TorqueDrive
+from forcectl.plant.linear_contact import LinearContact as LinearContact
 from forcectl.plant.plant_model import PlantModel as PlantModel
 from forcectl.plant.sensors.force_fault import FaultyForce as FaultyForce
 from forcectl.plant.sensors.force_fault import ForceFaultConfig as ForceFaultConfig

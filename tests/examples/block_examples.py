@@ -21,12 +21,12 @@ from forcectl.framework.linear_batch import LinearBatch
 from forcectl.motion.references import Reference, held_trajectory
 from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.plant.contact.contact_monitor import ContactMonitor
-from forcectl.plant.contact.linear_contact import LinearContact
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.drives.commanded import CommandedMotion
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.drives.servo import Servo, ServoCore, ServoGains
+from forcectl.plant.linear_contact import LinearContact
 from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor, sensor_filter
 from forcectl.plant.sensors.wrist_sensor import Electronics, WristSensor
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDisplacement

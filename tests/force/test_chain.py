@@ -10,9 +10,9 @@ from scipy.signal import StateSpace
 
 from forcectl.force.admittance import ARRANGEMENTS, admittance_response
 from forcectl.force.chain import ForceChain
-from forcectl.plant.contact.linear_contact import contact_response
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
+from forcectl.plant.linear_contact import contact_response
 from forcectl.plant.sensors.force_sensor import sensor_filter
 
 TICKS = 8000

@@ -20,9 +20,9 @@ from forcectl.framework.batch import batch_values, check, whole_multiple
 from forcectl.motion.references import Reference
 from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.plant.contact.contact_monitor import ContactMonitor
-from forcectl.plant.contact.linear_contact import LinearContact
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.drives.servo import Servo, ServoCore
+from forcectl.plant.linear_contact import LinearContact
 from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor, sensor_filter
 from forcectl.testing import assert_memory_released, assert_same_after_reset_and_clone, run_diagram
 

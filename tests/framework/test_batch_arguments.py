@@ -10,8 +10,8 @@ from forcectl.force.baselines.impedance import ImpedanceForceLaw
 from forcectl.force.integral import IntegralForceLaw
 from forcectl.force.linear_law import LinearForceLaw
 from forcectl.motion.references import Reference
-from forcectl.plant.contact.linear_contact import LinearContact
 from forcectl.plant.drives.position_loop import PositionLoop
+from forcectl.plant.linear_contact import LinearContact
 from forcectl.plant.sensors.force_sensor import ForceSensor
 
 SLIPS = [

@@ -33,8 +33,8 @@ from forcectl.errors import invalid
 from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.fields import Config, key
 from forcectl.framework.linear_batch import state_space
-from forcectl.plant.contact.linear_contact import LinearContact, contact_response
 from forcectl.plant.contact.surface import SurfaceConfig
+from forcectl.plant.linear_contact import LinearContact, contact_response
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace

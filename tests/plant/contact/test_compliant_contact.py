@@ -17,9 +17,9 @@ from forcectl.plant.contact.compliant_contact import (
     dissipative_contact,
     elastic_force,
 )
-from forcectl.plant.contact.linear_contact import LinearContact
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.plant.contact.surface_materials import MaterialsConfig, SegmentConfig
+from forcectl.plant.linear_contact import LinearContact
 from forcectl.testing import assert_ports, run_diagram
 
 displacements = st.floats(-1e-2, 1e-2)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from forcectl.errors import BadInputError
 from forcectl.plant.contact.compliant_contact import CompliantContact
-from forcectl.plant.contact.linear_contact import LinearContact, contact_response
+from forcectl.plant.linear_contact import LinearContact, contact_response
 from forcectl.testing import assert_ports, run_diagram
 
 
