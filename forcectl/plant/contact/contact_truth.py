@@ -128,13 +128,18 @@ def bodies_named(plant: MultibodyPlant, names: Sequence[str], key: str) -> froze
         BadInputError: there is none of that name, or several.
     """
     bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+    instances = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
+    models = [plant.GetModelInstanceName(each) for each in instances if plant.GetBodyIndices(each)]
     found: set[int] = set()
     for name in names:
         if plant.HasModelInstanceNamed(name):
             instance: ModelInstanceIndex = plant.GetModelInstanceByName(name)
             found |= {int(index) for index in plant.GetBodyIndices(instance)}
         else:
-            place = _place(name, [(body.name(), body.scoped_name().get_full()) for body in bodies], key)
+            named = [(body.name(), body.scoped_name().get_full()) for body in bodies]
+            if not any(name in both for both in named):
+                raise unknown(key, name, [*models, *(full for _, full in named)])
+            place = _place(name, named, key)
             found.add(int(bodies[place].index()))
     return frozenset(found)
 

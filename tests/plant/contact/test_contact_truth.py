@@ -134,7 +134,11 @@ def test_free_of_contact_it_is_zero(model):
 
 @pytest.mark.parametrize(
     ("names", "message"),
-    [(["fourth"], "unknown on 'fourth'"), (["DefaultModelInstance::firts"], "DefaultModelInstance::first")],
+    [
+        (["fourth"], "unknown on 'fourth'"),
+        (["DefaultModelInstance::firts"], "DefaultModelInstance::first"),
+        (["DefaultModelInstanse"], "did you mean 'DefaultModelInstance'?"),
+    ],
 )
 def test_a_body_that_is_not_there_is_refused_by_name(names, message):
     plant = Balls(ContactModel.kPoint, duration=0.0).plant
