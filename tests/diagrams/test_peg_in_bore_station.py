@@ -30,7 +30,7 @@ def insert(shapes: bool, time_step: float) -> tuple[Held, np.ndarray]:
 @pytest.mark.slow
 @pytest.mark.parametrize("time_step", [0.001, 0.002])
 def test_it_inserts_from_hand_to_hand_with_the_force_of_the_shapes(time_step):
-    """The means differ by up to 10 %, the largest means over 10 ms by up to 8 %; single steps reach 1.8, not 1.3 N."""
+    """The means and the largest means over 10 ms."""
     runs = [insert(shapes, time_step) for shapes in (True, False)]
     (meshes, expected), (rings, found) = runs
     np.testing.assert_allclose(rings.read("part_position"), meshes.read("part_position"), atol=3e-4)  # [m]
@@ -58,13 +58,20 @@ def smooth(forces: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("time_step", [0.001, 0.002])
 def test_a_plunger_that_is_released_stays_in_the_bore(time_step):
-    """It lies on the wall, level, and the hand feels nothing of it."""
+    """It lies on the wall, level, and the hand feels nothing of it.
+
+    It rocks: in single steps the force differs from its weight by 6 %, with steps of 2 ms by 15 %.
+    """
     workcell = beside_the_bore(0.0, False, 0.06, ARMS["left"], released_at=0.1)
     held = Held(describe(replace(workcell.config, time_step=time_step)))
     start = held.read("part_position").copy()
+    held.go(0.3)
+    forces: list[np.ndarray] = []
+    held.simulator.set_monitor(lambda root: forces.append(held.read("body_contact_wrench")[3:].copy()))
     held.go(0.4)
-    force = held.read("body_contact_wrench")[3:]
-    assert np.linalg.norm(force) == pytest.approx(0.04 * 9.81, rel=0.02)  # [N]
+    weight = 0.04 * 9.81  # [N]
+    assert np.linalg.norm(np.mean(forces, axis=0)) == pytest.approx(weight, rel=0.01)
+    assert np.linalg.norm(forces, axis=1) == pytest.approx(weight, rel={0.001: 0.07, 0.002: 0.16}[time_step])
     apart = held.read("part_position") - start
     # From the middle of the bore down by the clearance, and by the play that its other end tilts it by.
     assert 0.4e-3 < np.linalg.norm(apart[:3]) < 1.5e-3  # [m]
