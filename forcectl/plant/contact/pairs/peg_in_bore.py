@@ -14,7 +14,8 @@ what lies beside it, an arc of the width w, over the length l = min(d/s, what be
 and its force acts at the centre of pressure. So a contact is stiffer the longer and the more closely the faces meet:
 with little clearance, and deep in the bore. Coulomb friction acts along the face, regularised below 1 mm/s.
 
-The forces are those at the end of a step, see `step_ahead`: F is linearised about the depth there, in a few iterations.
+The forces are those at the end of a step, see `step_ahead`: a Newton iteration with a line search finds the depths there,
+with the normal forces in the friction from the iteration before.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ from forcectl.framework.kernels import largest
 
 SLIP = 1e-3  # [m/s] slip speed below which friction is regularised, smaller than Coulomb's
 _LONG, _WIDE = "above 0 and at most 2", "above 0 and at most 0.5"  # [m] sizes of parts that arms can assemble
-_PASSES = 4  # most iterations for the depths and the friction
-_SAME = 1e-7  # [m] change of the depths in an iteration, below which it is the last
+_PASSES, _HALVINGS = 8, 5  # most iterations for depths and friction, and most lengths that are tried in each
+_SAME, _SAME_FORCE = 1e-7, 1e-3  # changes of depths [m] and friction [N] below which an iteration is the last
 _TINY = 1e-12
 _IDENTITY = np.eye(6)
 _STRAIGHT = _IDENTITY[3:].ravel()
@@ -238,46 +239,67 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
         free: velocity V* of the peg there at the end of the step without contact [rad/s, m/s].
         step: h [s].
     """
-    n, unit = touch.normals, config.stiffness * touch.widths
-    response, along, then, depths = step * mobility, np.zeros(len(n)), free, touch.depths
-    areas, lengths, used = _bed(touch, depths)
+    n, unit, tau = touch.normals, config.stiffness * touch.widths, config.relaxation_time
+    response = step * mobility
+    areas, lengths, energies, used = _bed(touch, touch.depths)
     points = (_centres(touch, areas, used) @ _LEVERS + _STRAIGHT).reshape(-1, 3, 6)  # Jacobians
     rows, every = np.einsum("ij,ijk->ik", n, points), points.reshape(-1, 6)
-    separation_speed = free_speed = rows @ free
+    free_speed = rows @ free
+    then, wrench, friction = free, np.zeros(6), np.zeros(len(n))  # free + response @ wrench is then
+    separation_speed, slip = free_speed, (every @ free).reshape(-1, 3) - free_speed[:, None] * n
     for _ in range(_PASSES):
         elastic, stiffness = unit * areas, unit * lengths
         # Of the force constant - firm rows V+, linearised about these depths.
-        constant, firm = elastic + step * stiffness * separation_speed, stiffness * (step + config.relaxation_time)
+        constant, firm = elastic + step * stiffness * separation_speed, stiffness * (step + tau)
         pushing = constant > firm * separation_speed
+        size = np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
+        along = friction / size
         # Springs and dampers along the normals; friction as a damper along the faces.
         damper = (rows.T * (firm * pushing - along)) @ rows
         damper += (points * along[:, None, None]).reshape(-1, 6).T @ every
-        then = dgesv(_IDENTITY + response @ damper, free + response @ ((pushing * constant) @ rows))[2]
-        separation_speed = rows @ then
-        pressed = np.maximum(constant - firm * separation_speed, 0.0)
-        slip = (every @ then).reshape(-1, 3) - separation_speed[:, None] * n
-        along = config.friction * pressed / np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
-        before, depths = depths, touch.depths - step * (separation_speed - free_speed)
-        if largest(np.abs(depths - before)) < _SAME:
+        push = (pushing * constant) @ rows
+        goal = dgesv(_IDENTITY + response @ damper, free + response @ push)[2]
+        turn, more = goal - then, push - damper @ goal - wrench
+
+        # The solution has the least energy; full steps may go to and fro as points come and go.
+        loss, share = 0.5 * tau * stiffness, 1.0
+        here = (unit @ energies) / step + loss @ separation_speed**2 + friction @ size + 0.5 * (then - free) @ wrench
+        for _ in range(_HALVINGS):
+            then_there, wrench_there = then + share * turn, wrench + share * more
+            separation_speed = rows @ then_there
+            slip = (every @ then_there).reshape(-1, 3) - separation_speed[:, None] * n
+            areas, lengths, energies, _ = _bed(touch, touch.depths - step * (separation_speed - free_speed))
+            size = np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
+            there = (unit @ energies) / step + loss @ separation_speed**2 + friction @ size
+            if there + 0.5 * (then_there - free) @ wrench_there <= here:
+                break
+            share *= 0.5
+        change = step * largest(np.abs(rows @ (then_there - then)))
+        then, wrench = then_there, wrench_there
+        pressed = np.maximum(unit * (areas - tau * lengths * separation_speed), 0.0)
+        settled = largest(np.abs(config.friction * pressed - friction)) < _SAME_FORCE
+        friction = config.friction * pressed
+        if change < _SAME and settled:
             break
-        areas, lengths, _ = _bed(touch, depths)
-    force = pressed[:, None] * n - along[:, None] * slip
-    return force.ravel() @ every
+    return wrench
 
 
-def _bed(touch: Touch, depths: Array) -> tuple[Array, Array, Array]:
-    """Integrals of the depth along the faces [m^2], their derivatives by the depth [m], and the lengths in contact [m].
+def _bed(touch: Touch, depths: Array) -> tuple[Array, Array, Array, Array]:
+    """Integrals of the depth along the faces [m^2], of these by the depth [m^3], and lengths in contact [m].
 
     Args:
         touch: the points, p of them.
         depths: in place of those of the points; without contact where they are negative (p,) [m].
 
     Returns:
-        of both faces together, shapes (p,) and (p,), and of each, shape (2, p).
+        of both faces together the integrals, shape (p,), their derivatives by the depth (p,) and their integrals by the
+        depth (p,), and the length in contact of each face, shape (2, p).
     """
     d, s = np.maximum(depths, 0.0), touch.slopes
     length = np.where(s * touch.lengths > d, d / np.maximum(s, _TINY), touch.lengths) * (depths > 0)
-    return (length * (d - 0.5 * s * length)).sum(axis=0), length.sum(axis=0), length
+    sunk = s * length
+    by_depth = length * (0.5 * d * (d - sunk) + sunk**2 / 6)
+    return (length * (d - 0.5 * sunk)).sum(axis=0), length.sum(axis=0), by_depth.sum(axis=0), length
 
 
 def _centres(touch: Touch, areas: Array, lengths: Array) -> Array:
