@@ -14,7 +14,7 @@ what lies beside it, an arc of the width w, over the length l = min(d/s, what be
 and its force acts at the centre of pressure. So a contact is stiffer the longer and the more closely the faces meet:
 with little clearance, and deep in the bore. Coulomb friction acts along the face, regularised below 1 mm/s.
 
-The forces are those at the end of a step, see `step_ahead`: a Newton iteration with a line search finds the depths there,
+The forces are those at the end of a step, see `step_ahead`: Newton iterations with a line search find the depths there,
 with the normal forces in the friction from the iteration before.
 """
 
