@@ -12,7 +12,9 @@ what lies beside it, an arc of the width w, over the length l = min(d/s, what be
     f = max(0, sum F(l) + tau d' dF/dd)        F(l) = k w (d l - s l^2/2)
 
 and its force acts at the centre of pressure. So a contact is stiffer the longer and the more closely the faces meet:
-with little clearance, and deep in the bore. Coulomb friction acts along the face, regularised below 1 mm/s.
+with little clearance, and deep in the bore. The front face of the peg, on a floor or on the rim of the bore, has less
+pressure, by its radius over half its length: that of the shapes falls from their centre to the surface. Coulomb
+friction acts along the face, regularised below 1 mm/s.
 
 The forces are those at the end of a step, see `step_ahead`: Newton iterations with a line search find the depths there,
 with the normal forces in the friction from the iteration before.
@@ -37,6 +39,7 @@ _LONG, _WIDE = "above 0 and at most 2", "above 0 and at most 0.5"  # [m] sizes o
 _PASSES, _HALVINGS = 8, 5  # most iterations for depths and friction, and most lengths that are tried in each
 _SAME, _SAME_FORCE = 1e-7, 1e-3  # changes of depths [m] and friction [N] below which an iteration is the last
 _TINY = 1e-12
+_FLAT = 0.99  # of the normal along the axis, for faces across it
 _IDENTITY = np.eye(6)
 _STRAIGHT = _IDENTITY[3:].ravel()
 _COUNT = 24  # points of a ring
@@ -128,6 +131,7 @@ class PegProfile:
         self.floor, self.bottom, self.rim = -config.depth, config.floor_thickness, config.rim_radius
         self.reach = math.hypot(config.depth + config.floor_thickness + config.length, config.rim_radius + peg)
         self.shoulder, self.edge = taper, -c  # z of these edges, in the frames of tip and mouth
+        self.front = peg / (0.5 * config.length)  # pressure of the front face / that of the other faces
         self.on_peg = np.vstack([_ring(tip, 0.0), _ring(peg, taper)])
         self.on_bore = np.vstack([_ring(R, -c), _ring(R + c, 0.0)])
         # Directions of the two faces from the edge, shapes (2, 48, 3). Face 1 of shoulder and bore is side or wall.
@@ -168,7 +172,7 @@ class Touch(NamedTuple):
         faces: directions of the two faces from the edge, shape (2, p, 3).
         slopes: by which the depth decreases along them, shape (2, p), >= 0 [1].
         lengths: of these faces that belong to the edge, shape (2, p) [m].
-        widths: of the arc that the point stands for, shape (p,) [m].
+        widths: of the arc that the point stands for, times the share of the stiffness, shape (p,) [m].
     """
 
     points: Array
@@ -197,6 +201,7 @@ def touching(profile: PegProfile, R: Array, p: Array) -> Touch | None:
         low = (below > 0) & (below < profile.bottom) & inside
         depth, normals = np.where(low, below, depth), np.where(low[:, None], [0.0, 0.0, 1.0], normals)
     other_depth, other_normals = _depths((profile.on_bore - p) @ R, profile.peg)
+    on_front = np.concatenate([normals[:, 2] > _FLAT, other_normals[:, 2] < -_FLAT])
     other_normals = other_normals @ R.T
     depths = np.maximum(np.concatenate([depth, other_depth]), 0.0)
     active = np.flatnonzero(depths)
@@ -209,8 +214,8 @@ def touching(profile: PegProfile, R: Array, p: Array) -> Touch | None:
     slopes = np.einsum("jpi,pi->jp", faces, outward)
     lengths = _lengths(profile, R, p, peg_points[_COUNT:, 2], active, slopes)
     normals = np.concatenate([normals, -other_normals])[active]
-    widths = profile.widths[active]
-    return Touch(points, normals, depths[active], faces, np.maximum(slopes, 0.0), lengths, widths)
+    widths = profile.widths * np.where(on_front, profile.front, 1.0)
+    return Touch(points, normals, depths[active], faces, np.maximum(slopes, 0.0), lengths, widths[active])
 
 
 def _lengths(profile: PegProfile, R: Array, p: Array, shoulder_z: Array, active: Indices, slopes: Array) -> Array:
