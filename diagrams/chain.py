@@ -20,10 +20,10 @@ from forcectl.force.combined import described, linear_laws
 from forcectl.force.sensor_lag import sensor_response
 from forcectl.framework.linear_batch import state_space
 
-_LEAST_GAIN = 1e-6  # of the measured force; below it there is no feedback, or one of the wrong sign
-
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
+
+_LEAST_GAIN = 1e-6  # of the measured force; below it there is no feedback, or one of the wrong sign
 
 
 @dataclass(frozen=True)

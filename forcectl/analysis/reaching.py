@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydrake.geometry import Box
 
 from forcectl.analysis.slot import variants_of
 from forcectl.arrays import Array
@@ -160,7 +159,7 @@ class ReachAnalysis(Config):
         if shapes is not None and shapes.pairs:
             pairs.append(LinkDistance(shapes))
         if shapes is not None and truth.obstacles:
-            boxes = [Obstacle(Box(*each.size), each.pose) for each in truth.obstacles.values()]
+            boxes = Obstacle.boxes(truth.obstacles)
             pairs.append(LinkDistance(shapes.against(boxes)))
         masses = [TowardsSmallMass(robot, arm, self.mass_direction) for arm in robot.parts.arms]
         context, rest = robot.create_context(), np.zeros(truth.num_joints)

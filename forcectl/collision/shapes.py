@@ -17,7 +17,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.geometry import (
@@ -81,6 +81,11 @@ class Obstacle:
     shape: Shape
     X_WO: RigidTransform
     name: str = "obstacle"
+
+    @classmethod
+    def boxes(cls, configs: Mapping[str, Any]) -> list[Obstacle]:
+        """Of the boxes around a robot, by name, each with `size` [m] and `pose`."""
+        return [cls(Box(*box.size), box.pose, name) for name, box in configs.items()]
 
 
 class Balls(NamedTuple):

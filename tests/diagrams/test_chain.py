@@ -45,28 +45,35 @@ def swing(text: str, stiffness: float, duration: float, **overrides: Any) -> tup
     return float(parts[1].std()), float(parts[4].std())
 
 
+def assert_settles_and_swings(
+    monkeypatch: pytest.MonkeyPatch,
+    text: str,
+    limit: float,
+    shares: tuple[float, float] = (0.85, 1.15),
+    duration: float = 4.0,
+    **overrides: Any,
+) -> None:
+    """The force settles on the one share of the largest stiffness, and swings on the other if it is not refused."""
+    early, late = swing(text, shares[0] * limit, duration, **overrides)
+    assert late < 0.5 * early
+    monkeypatch.setattr(loop, "check_stability", lambda parts, setting: None)
+    early, late = swing(text, shares[1] * limit, duration, **overrides)
+    assert late > 0.95 * early > 1.0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
 def test_up_to_the_largest_stiffness_the_force_settles_and_beyond_it_swings(fidelity, monkeypatch):
     limit = largest(ONE_ARM, **{"station.fidelity": fidelity})
     fidelity_is = {"station.fidelity": fidelity}
-    early, late = swing(ONE_ARM, 0.85 * limit, 4.0, **fidelity_is)
-    assert late < 0.5 * early
     with pytest.raises(BadInputError):
         swing(ONE_ARM, 1.15 * limit, 4.0, **fidelity_is)
-    monkeypatch.setattr(loop, "check_stability", lambda parts, setting: None)
-    early, late = swing(ONE_ARM, 1.15 * limit, 4.0, **fidelity_is)
-    assert late > 0.95 * early > 1.0
+    assert_settles_and_swings(monkeypatch, ONE_ARM, limit, **fidelity_is)
 
 
 @pytest.mark.slow
 def test_the_same_of_a_force_that_is_estimated_and_servos_that_give_way(monkeypatch):
-    limit = largest(SENSORLESS)
-    early, late = swing(SENSORLESS, 0.9 * limit, 2.0)
-    assert late < 0.5 * early
-    monkeypatch.setattr(loop, "check_stability", lambda parts, setting: None)
-    early, late = swing(SENSORLESS, 1.2 * limit, 2.0)
-    assert late > 0.95 * early > 1.0
+    assert_settles_and_swings(monkeypatch, SENSORLESS, largest(SENSORLESS), (0.9, 1.2), 2.0)
 
 
 def built(text: str, **overrides: Any) -> Loop:
@@ -314,23 +321,13 @@ def test_unlike_laws_in_two_axes_are_checked_together():
 @pytest.mark.slow
 def test_the_force_along_two_axes_settles_below_the_limit_and_swings_beyond(monkeypatch):
     text = tilted(45.0, x=LAW.replace("150.0", "300.0"), z=LAW)
-    limit = limit_of(text)
-    early, late = swing(text, 0.85 * limit, 4.0)
-    assert late < 0.5 * early
-    monkeypatch.setattr(loop, "check_stability", lambda parts, setting: None)
-    early, late = swing(text, 1.15 * limit, 4.0)
-    assert late > 0.95 * early > 1.0
+    assert_settles_and_swings(monkeypatch, text, limit_of(text))
 
 
 @pytest.mark.slow
 def test_the_force_along_such_an_axis_settles_below_the_limit_and_swings_beyond(monkeypatch):
     text = tilted(35.0, z=LAW)
-    limit = limit_of(text)
-    early, late = swing(text, 0.85 * limit, 4.0)
-    assert late < 0.5 * early
-    monkeypatch.setattr(loop, "check_stability", lambda parts, setting: None)
-    early, late = swing(text, 1.15 * limit, 4.0)
-    assert late > 0.95 * early > 1.0
+    assert_settles_and_swings(monkeypatch, text, limit_of(text))
 
 
 def test_a_law_across_the_normal_is_left_alone():

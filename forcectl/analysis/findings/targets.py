@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.geometry import Box
 
 from forcectl.analysis.findings.finding import RunFinding, finding
 from forcectl.arrays import Array, Indices
@@ -84,9 +83,8 @@ def in_the_way(log: Any, setting: Setting, tick: int, arms: Sequence[str]) -> st
 def _nearest(setting: Setting, q: Array, joints: Indices) -> list[str]:
     """The nearest two shapes of links, and of a link and a box, if they are near, and moved by one of these joints."""
     own = RobotShapes.load(*setting.truth.known_robot().source)
-    boxes = [Obstacle(Box(*box.size), box.pose, name) for name, box in setting.truth.obstacles.items()]
     found = []
-    for shapes in (own, own.against(boxes)):
+    for shapes in (own, own.against(Obstacle.boxes(setting.truth.obstacles))):
         moved = [own.tree.moves[solid.link][joints].any() for solid in shapes.solids]
         pairs = [pair for pair in shapes.pairs if moved[pair[0]] or moved[pair[1]]]
         if pairs:

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from pydrake.geometry import Box
-
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
@@ -168,7 +166,7 @@ class TaskControllerConfig(Config):
                     raise unknown("shape", name, known).at(f"{key}.{i}")
                 if name in shapes.names and name in model.obstacles:
                     raise invalid(f"{key}.{i}", pair, f"unambiguous: {name!r} is a box and a shape of the robot")
-        boxes = [Obstacle(Box(*box.size), box.pose, name) for name, box in model.obstacles.items()]
+        boxes = Obstacle.boxes(model.obstacles)
         of_boxes = [(a, b) for a, b in touching if a in model.obstacles or b in model.obstacles]
         of_links = [(a, b) for a, b in touching if (a, b) not in of_boxes]
         checked = [shapes.without(of_links)]

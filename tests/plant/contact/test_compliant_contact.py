@@ -215,9 +215,10 @@ def test_ports():
         ({"stiffness": [1e3, 1e4, 1e5]}, "stiffness"),
     ],
 )
-def test_bad_arguments_are_refused(arguments, told):
+@pytest.mark.parametrize("kind", [CompliantContact, LinearContact])
+def test_bad_arguments_are_refused(kind, arguments, told):
     with pytest.raises(BadInputError, match=told):
-        CompliantContact(2, **arguments)
+        kind(2, **arguments)
 
 
 @pytest.mark.parametrize(

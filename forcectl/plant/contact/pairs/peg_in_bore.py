@@ -252,12 +252,12 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
     free_speed = rows @ free
     then, wrench, friction = free, np.zeros(6), np.zeros(len(n))  # free + response @ wrench is then
     separation_speed, slip = free_speed, (every @ free).reshape(-1, 3) - free_speed[:, None] * n
+    size = np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)  # of the slip, above zero
     for _ in range(_PASSES):
         elastic, stiffness = unit * areas, unit * lengths
         # Of the force constant - firm rows V+, linearised about these depths.
         constant, firm = elastic + step * stiffness * separation_speed, stiffness * (step + tau)
         pushing = constant > firm * separation_speed
-        size = np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
         along = friction / size
         # Springs and dampers along the normals; friction as a damper along the faces.
         damper = (rows.T * (firm * pushing - along)) @ rows
@@ -280,11 +280,9 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
                 break
             share *= 0.5
         change = step * largest(np.abs(rows @ (then_there - then)))
-        then, wrench = then_there, wrench_there
-        pressed = np.maximum(unit * (areas - tau * lengths * separation_speed), 0.0)
-        settled = largest(np.abs(config.friction * pressed - friction)) < _SAME_FORCE
-        friction = config.friction * pressed
-        if change < _SAME and settled:
+        then, wrench, before = then_there, wrench_there, friction
+        friction = config.friction * np.maximum(unit * (areas - tau * lengths * separation_speed), 0.0)
+        if change < _SAME and largest(np.abs(friction - before)) < _SAME_FORCE:
             break
     return wrench
 
