@@ -102,7 +102,7 @@ def add_log(
         known = of_ports(port.get_system(), "port_units")
         unit = ",".join(dict.fromkeys(units)) or unit_of(name, known) or unit_of(port.get_name(), known)
         meanings, reasons = (
-            of_ports(port.get_system(), f"port_{what}").get(name, ()) for what in ("meanings", "reasons")
+            of_ports(port.get_system(), f"port_{what}").get(port.get_name(), ()) for what in ("meanings", "reasons")
         )
         signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension, meanings, reasons, units)
         row += port.size()

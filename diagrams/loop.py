@@ -210,7 +210,7 @@ def build_loop(parts: LoopParts) -> Loop:
     makers = {"station": station, **sources, "controller": controller}
     makers |= {f"estimators.{name}": system for name, system in estimators.items()}
     _check_makers(makers, parts.signals)
-    ports = _logged(parts, sources, station, controller, estimators) | signals.chosen
+    ports = _logged(parts, sources, station, controller, estimators, signals.chosen)
     sink, logged = add_log(builder, ports, workcell.period, components_of(ports, workcell))
     diagram = builder.Build()
     diagram.set_name("loop")
@@ -320,8 +320,13 @@ def _logged(
     station: Diagram,
     controller: Diagram,
     estimators: Mapping[str, System],
+    choices: Mapping[str, OutputPort],
 ) -> dict[str, OutputPort]:
-    """The ports to log: all if the station reads motor torques, else `_FORCE_SIGNALS`, estimates, commands, scalars."""
+    """The ports to log: all if the station reads motor torques, else `_FORCE_SIGNALS`, estimates, commands, scalars.
+
+    A choice of the scenario has the name of its signal. Another output of that name, and one of a name that an earlier
+    part has, begin with the name of their part.
+    """
     ports: dict[str, OutputPort] = {}
     if "reference" in sources:
         ports["desired_force"] = sources["reference"].GetOutputPort("desired_force")
@@ -335,14 +340,16 @@ def _logged(
         skipped = name == "contact_displacement" and not constant
         if everything or (name in logged and not skipped):
             ports[name] = port
-    for system in (controller, *estimators.values()):
+    for part, system in {"controller": controller, **estimators}.items():
         for port in map(system.get_output_port, range(system.num_output_ports())):
             vector = port.get_data_type() == PortDataType.kVectorValued
             small = port.size() == 1 or port.get_name() == "displacement_command"
             chosen = everything or small or system is not controller
             if vector and chosen:
-                ports[port.get_name()] = port
+                name = port.get_name()
+                taken = name in ports or choices.get(name, port) is not port
+                ports[f"{part}_{name}" if taken else name] = port
     # Last, so that an error is about the signal that it comes from.
     if not constant and controller.HasOutputPort("joint_position_command"):
         ports.setdefault("joint_position_command", controller.GetOutputPort("joint_position_command"))
-    return ports
+    return {**ports, **choices}

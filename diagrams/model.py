@@ -195,7 +195,8 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
     rotors = workcell.rotor_inertia if friction else np.zeros(workcell.num_joints)
     bandwidth, damping_ratio, delay = force_lag(config.sensors) if lag is None else lag
     sensor = None if lag else next((each for each in config.sensors.values() if hasattr(each, "force_lag")), None)
-    speeds = [getattr(sensor, "velocity_bandwidth", None) for sensor in config.sensors.values()]
+    interface = next((each for each in config.sensors.values() if hasattr(each, "velocity_bandwidth")), None)
+    sticking = getattr(config.drive, "sticking_travel", None)
     return PlantModel(
         size=len(contacts),
         period=workcell.period,
@@ -220,8 +221,9 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
         has_gravity=workcell.has_gravity,
         friction=friction(workcell.robot) if friction else JointFriction(workcell.num_joints),
         rotor_inertia=rotors,
-        velocity_bandwidth=next((speed for speed in speeds if speed is not None), np.inf),
+        velocity_bandwidth=getattr(interface, "velocity_bandwidth", np.inf),
         obstacles=workcell.obstacles,
+        unseen_travel=sticking(workcell) + getattr(interface, "quantum", 0.0) if sticking else np.zeros(0),
     )
 
 

@@ -111,6 +111,14 @@ class JointInterfaceConfig(Config):
         """Motor torque at the start, shape (n,) [Nm]."""
         return workcell.gravity_torque + self.true_friction(workcell.robot).offset
 
+    def sticking_travel(self, workcell: Workcell) -> Array:
+        """Largest motion of the command of a joint that friction keeps at rest, shape (n,) [rad].
+
+        From one end of the Coulomb friction to the other, in slow motion and with the integral at rest.
+        """
+        gains = servo_gains(*_second_order(workcell, self.servo), self.servo.integral_gain)
+        return 2 * self.true_friction(workcell.robot).coulomb / (gains.position * gains.velocity * _inertia(workcell))
+
     def pressing(self, workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:
         """Response from [dx_bar, its rate] to the contact force for this K_E [N/m], per tick, without friction.
 
@@ -120,7 +128,7 @@ class JointInterfaceConfig(Config):
         n, context = workcell.num_joints, workcell.start_context()
         gains = servo_gains(*_second_order(workcell, self.servo), self.servo.integral_gain)
         mass = workcell.robot.mass_matrix(context) + np.diag(workcell.rotor_inertia)
-        inertia = np.diag(np.diag(mass))  # that the servos are tuned for
+        inertia = np.diag(_inertia(workcell))
         series = 1 + contact.robot_compliance * stiffness
         damping = getattr(contact.environment, "damping", 0.0)
         force = -np.concatenate([stiffness * contact.row, damping * contact.row, np.zeros(n)]) / series
@@ -244,13 +252,17 @@ def _second_order(workcell: Workcell, own: JointServoConfig) -> tuple[float, flo
     return bandwidth, filter_.damping_ratio if own.damping_ratio is None else own.damping_ratio
 
 
+def _inertia(workcell: Workcell) -> Array:
+    """The inertia that the servos are tuned for: that of each joint at the start, shape (n,) [kg m2]."""
+    return workcell.rotor_inertia + np.diag(workcell.robot.mass_matrix(workcell.start_context()))
+
+
 def _servo(workcell: Workcell, config: JointInterfaceConfig) -> JointServo:
     own = config.servo
     limit = workcell.robot.limits.torque if own.torque_limits else np.full(workcell.num_joints, np.inf)
-    inertia = workcell.rotor_inertia + np.diag(workcell.robot.mass_matrix(workcell.start_context()))
     return JointServo(
         servo_gains(*_second_order(workcell, own), own.integral_gain),
-        inertia,
+        _inertia(workcell),
         limit,
         period=workcell.period,
         time_step=workcell.config.time_step,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from forcectl.analysis.force_targets import Allowed
 from forcectl.analysis.tables.metric_tables import (
@@ -200,11 +200,18 @@ class Expectation(Config):
         return all(name in chosen for name in self.variants(names).values())
 
 
-Judged = tuple[tuple[str, str], ...]  # dotted key of a metric, and the metric
+class JudgedMetric(NamedTuple):
+    """A metric that a line of `expect` judges, or compares with; `key`: its dotted key in the scenario."""
+
+    key: str
+    metric: str
+    line: Expectation
 
 
-def judged_metrics(lines: Sequence[Expectation], variant: str, names: Sequence[str], fidelity: str) -> Judged:
-    """The metrics of a variant that are judged on a fidelity, each with the key that names it.
+def judged_metrics(
+    lines: Sequence[Expectation], variant: str, names: Sequence[str], fidelity: str
+) -> tuple[JudgedMetric, ...]:
+    """The metrics of a variant that are judged on a fidelity.
 
     Args:
         lines: the expectations of the scenario.
@@ -215,7 +222,7 @@ def judged_metrics(lines: Sequence[Expectation], variant: str, names: Sequence[s
     Raises:
         BadInputError: a line names an unknown variant, compares a metric with itself, or repeats another line.
     """
-    found, asked = list[tuple[str, str]](), list[dict[str, Any]]()
+    found, asked = list[JudgedMetric](), list[dict[str, Any]]()
     for i, line in enumerate(lines):
         asked.append({**vars(line), "target": ""})
         if asked[-1] in asked[:-1]:
@@ -232,7 +239,7 @@ def judged_metrics(lines: Sequence[Expectation], variant: str, names: Sequence[s
                     raise invalid(f"expect.{i}.{place}", name, "another variant")
                 raise invalid(f"expect.{i}.{term}metric", metric, "another metric, or that of another variant")
             if judged and name == variant and line.metric not in PAIR_METRICS:
-                found.append((f"expect.{i}.{term}metric", metric))
+                found.append(JudgedMetric(f"expect.{i}.{term}metric", metric, line))
     return tuple(found)
 
 

@@ -38,7 +38,7 @@ from forcectl.scenario.checks.unread import unread
 from forcectl.scenario.checks.values import preset_tree
 from forcectl.scenario.code import check_imports
 from forcectl.scenario.error_keys import full_key, located
-from forcectl.scenario.expectations import Expectation, Judged, judged_metrics
+from forcectl.scenario.expectations import Expectation, JudgedMetric, judged_metrics
 from forcectl.scenario.gains import identifications
 from forcectl.scenario.layers import ONLY_VARIANT, Layers, check_order, leave_out, locate_files, select_variants
 from forcectl.scenario.probes import probes_of
@@ -94,7 +94,7 @@ class Scenario(Config):
     expect: list[Expectation] = key([], "required values of the metrics")
 
     imports = Imports()  # modules that it, and the scenarios it names, may import; no key
-    judged = Judged()  # metrics for which `expect` has a line
+    judged = tuple[JudgedMetric, ...]()  # metrics for which `expect` has a line
     as_written = False  # whether it is free of overrides, those of `_AS_WRITTEN` aside
 
     def __repr__(self) -> str:

@@ -12,9 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from forcectl.arrays import Vector
-from forcectl.framework.batch import check
+from forcectl.framework.batch import batch_values, check
 from forcectl.framework.kernels import largest
 
 
@@ -40,14 +41,14 @@ class JointStateMonitor:
     Args:
         size: joints n.
         longest_gap: longest time of bad measurements without a stop [s], >= 0.
-        frozen_distance: of the command while a measured position repeats [rad], > 0.
+        frozen_distance: of the command while a measured position repeats, a number or shape (n,) [rad], > 0.
         largest_error: of a measured position from the command [rad], > 0.
         period: tick [s].
     """
 
-    def __init__(self, size: int, longest_gap: float, frozen_distance: float, largest_error: float, period: float):
+    def __init__(self, size: int, longest_gap: float, frozen_distance: ArrayLike, largest_error: float, period: float):
         self._ticks = check("longest_gap", longest_gap, "not negative") / period + 0.5
-        self._frozen_distance = check("frozen_distance", frozen_distance, "positive")
+        self._frozen_distance = batch_values("frozen_distance", frozen_distance, size, "positive")
         self._ones = np.ones(size)
         self._largest_error = check("largest_error", largest_error, "positive")
 

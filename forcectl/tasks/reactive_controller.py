@@ -71,14 +71,14 @@ class Supervision:
 
     Attributes:
         longest_gap: longest time of bad joint measurements before the motion stops [s].
-        frozen_distance, largest_error: see `JointStateMonitor` [rad].
+        frozen_distance, largest_error: see `JointStateMonitor` [rad]; the first is a number or of shape (n,).
         position_tolerance: largest error of a position coordinate at a reached target [m].
         angle_tolerance: largest error of an orientation coordinate at a reached target [rad].
         patience: time without progress after which a target counts as unreachable, see `TaskProgress` [s].
     """
 
     longest_gap: float = 0.02
-    frozen_distance: float = 0.01
+    frozen_distance: ArrayLike = 0.01
     largest_error: float = 0.5
     position_tolerance: float = 5e-4
     angle_tolerance: float = 5e-3

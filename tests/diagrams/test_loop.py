@@ -8,6 +8,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
 from forcectl.diagrams.fidelities.light import KinematicFidelity
+from forcectl.diagrams.signals import FromConfig
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.errors import BadInputError
 from forcectl.estimation.force_estimator import ForceEstimatorConfig
@@ -18,6 +19,7 @@ from forcectl.motion.loads import LoadConfig
 from forcectl.motion.references import StepConfig
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.scenario.scenario import Scenario
+from forcectl.tasks.controllers.reaching import ReactiveReachingConfig
 from forcectl.testing import assert_memory_released
 from tests.examples.joint_interface_runs import TICK
 from tests.examples.motion_runs import motion_loop, run
@@ -161,6 +163,20 @@ def test_every_signal_is_logged_with_its_unit_and_its_components():
     assert loop.signals["estimated_wrench"].labels[-1] == "right_force_z"
     assert loop.signals["arm_contact_force"].labels == ("left", "right")
     assert loop.signals["residual"].labels[7] == "right_joint_1"
+
+
+def test_signals_of_one_name_do_not_hide_each_other():
+    parts = {"station": free(), "controller": ReactiveReachingConfig(), "estimators": {"force": ForceEstimatorConfig()}}
+    signals = Scenario(**parts).build().signals
+    assert signals["near_singular"].labels is None  # of the controller
+    assert signals["force_near_singular"].labels == ("left", "right")
+    parts["estimators"]["other"] = ForceEstimatorConfig(gain=20.0)
+    chosen = {"estimated_wrench": FromConfig(part="other"), "estimated_torque": FromConfig(part="force")}
+    loop = Scenario(**parts, signals=chosen, duration=0.1).build()
+    log = run(loop, 0.1)
+    assert {"force_estimated_wrench", "other_estimated_torque"} <= {*log}
+    assert not {"other_estimated_wrench", "force_estimated_torque"} & {*log}
+    assert loop.signals["force_estimated_wrench"].unit == "Nm,N"
 
 
 @pytest.mark.slow

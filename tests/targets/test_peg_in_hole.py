@@ -12,7 +12,8 @@ from forcectl.framework.yaml_tree import parse
 from forcectl.models import models_folder
 
 TUBE, PLUNGER = "station.environment.parts.tube", "station.environment.parts.plunger"
-SPRINGS = {"station.environment.parts.seat": parse("!PegInBore {peg: plunger, bore: tube}", "springs")}
+SEAT = "station.environment.parts.seat"
+SPRINGS = {SEAT: parse("!PegInBore {peg: plunger, bore: tube}", "springs")}
 BESIDE = {f"{TUBE}.misplaced": {"offset": 0.06, "direction_deg": 90.0}}
 # 0.7 s less at the start: what follows begins earlier by as much.
 QUICK = {"controller.modes.settle.exits.0.when": "time > 0.3 and reached > 0.5"}
@@ -30,13 +31,19 @@ FAULTS: dict[str, tuple[dict[str, Any], str, float, float]] = {
         {"station.faults": [{"kind": "frozen", "joint": "left_joint_4", "start": 1.0, "duration": 9.0}]},
         "no_reading",
         1.0,
-        0.124,
+        0.1,
+    ),
+    "an encoder of a joint that hardly moves is frozen": (
+        {"station.faults": [{"kind": "frozen", "joint": "right_joint_1", "start": 1.7, "duration": 9.0}]},
+        "no_reading",
+        1.7,
+        0.228,
     ),
     "the interface is lost": (
         {"station.faults": [{"kind": "lost", "start": 1.0, "duration": 9.0}]},
         "no_reading",
         1.0,
-        0.08,
+        0.052,
     ),
     "the tube is missing": ({f"{TUBE}.grasp.released_at": 0.0}, "lost", 0.0, 0.024),
     "the plunger is dropped": ({f"{PLUNGER}.grasp.released_at": 1.2}, "lost", 1.2, 0.024),
@@ -112,6 +119,14 @@ def test_a_bore_that_is_too_narrow_jams(tmp_path: Path) -> None:
     narrow = {f"{TUBE}.model": str(tmp_path / "narrow.urdf"), "controller.modes.align.timeout": 1.0}
     end, log = failed(narrow | {"after_end": 0.6})
     assert end.mode == "jammed"
+    assert gone_back(end, log) == pytest.approx(BACK, abs=5e-4)
+
+
+@pytest.mark.slow
+def test_a_bore_that_is_less_deep_is_not_taken_for_the_right_one() -> None:
+    shallow = {SEAT: parse("!PegInBore {peg: plunger, bore: tube, depth: 0.088}", "springs")}
+    end, log = failed(shallow | {"after_end": 0.6})
+    assert end.mode == "above_seat"
     assert gone_back(end, log) == pytest.approx(BACK, abs=5e-4)
 
 

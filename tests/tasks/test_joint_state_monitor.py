@@ -1,5 +1,7 @@
 """Readings: numbers, frozen encoders, lost samples, and joints that do not follow."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ PERIOD, NONE = 0.004, np.zeros(2)
 BEGIN = Readings(np.full(2, np.nan), NONE, np.ones(2), 0.0)
 
 
-def monitor(**changes: float) -> JointStateMonitor:
+def monitor(**changes: Any) -> JointStateMonitor:
     return JointStateMonitor(
         2, **{"longest_gap": 0.02, "frozen_distance": 0.01, "largest_error": 0.3, "period": PERIOD} | changes
     )
@@ -64,6 +66,13 @@ def test_an_encoder_is_frozen_once_its_command_has_moved_on() -> None:
     assert state(read, ramp(20))[-1].reading_ok[0] == 1
 
 
+def test_every_joint_may_have_its_own_distance() -> None:
+    watch, past = monitor(frozen_distance=[0.002, 0.02]), BEGIN
+    for k, good in enumerate([[1, 1], [0, 1], [0, 1], [0, 1], [0, 1], [0, 1], [0, 0]]):
+        past = watch.update(past, NONE, NONE, ramp(7)[k])  # 4 mrad a tick
+        np.testing.assert_array_equal(past.reading_ok, good)
+
+
 def test_a_jitter_of_the_command_about_a_joint_that_sticks_is_none() -> None:
     command = 0.004 * (np.arange(60)[:, None] % 2) * np.ones(2)
     assert all((each.reading_ok == 1).all() for each in state(np.zeros((60, 2)), command))
@@ -82,8 +91,9 @@ def test_few_bad_ticks_are_passed_over() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("longest_gap", -1.0), ("frozen_distance", 0.0), ("largest_error", np.nan)]
+    ("name", "value"),
+    [("longest_gap", -1.0), ("frozen_distance", 0.0), ("frozen_distance", [1.0, -1.0]), ("largest_error", np.nan)],
 )
-def test_bad_numbers_are_refused_by_name(name: str, value: float) -> None:
+def test_bad_numbers_are_refused_by_name(name: str, value: Any) -> None:
     with pytest.raises(BadInputError, match=name):
         monitor(**{name: value})

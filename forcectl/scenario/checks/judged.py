@@ -23,6 +23,7 @@ from forcectl.scenario.trees import to_tree
 
 if TYPE_CHECKING:
     from forcectl.diagrams.loop import Loop
+    from forcectl.scenario.expectations import Expectation
     from forcectl.scenario.scenario import Scenario
 
 _PARTS = re.compile(r"(?:(?!step_\d)(.+?)\.)?(?:step_(\d+)\.)?([^.]+)")
@@ -50,7 +51,7 @@ def check_judged(scenario: Scenario, loop: Loop) -> None:
     modes = loop.signals["mode"].meanings if "mode" in loop.signals else ()
     surfaces = [contact.name for contact in loop.workcell.contacts]
     fronts, steps = surfaces if len(surfaces) > 1 else [""], getattr(scenario.reference, "number_of_steps", None)
-    for key, name in scenario.judged if scenario.as_written else ():
+    for key, name, line in scenario.judged if scenario.as_written else ():
         front, number, last = metric_parts(name)
         makers = analyses_of(name)
         if makers and not tags.intersection(makers):
@@ -72,13 +73,12 @@ def check_judged(scenario: Scenario, loop: Loop) -> None:
         if steps is not None and number is not None and (number > steps or steps == 1):
             counted = f"step_1 to step_{steps}" if steps > 1 else "named without a step: there is one"
             raise invalid(key, name, f"of the reference, {counted}")
-        _check_within_reach(scenario, key, name)
+        _check_within_reach(scenario, key, name, line)
 
 
-def _check_within_reach(scenario: Scenario, key: str, name: str) -> None:
+def _check_within_reach(scenario: Scenario, key: str, name: str, line: Expectation) -> None:
     """Refuse a line of `expect` that needs a time beyond the run, or a force at which the run is stopped."""
     place, _, term = key.removeprefix("expect.").partition(".")
-    line = scenario.expect[int(place)]
     asked = line.allowed(scenario.fidelity) if term == "metric" else None
     force = scenario.limits()["contact_force"] if metric_unit(name) == "N" else math.inf
     most = min(force, metric_range(name, scenario.duration)[1])

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+import numpy as np
+
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.errors import BadInputError, check_distinct, invalid, unknown
@@ -22,9 +24,12 @@ from forcectl.tasks.coordinates import COORDINATES, ArmTask
 from forcectl.tasks.modes import Mode
 from forcectl.tasks.null_space import AnyCriterion
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
-from forcectl.tasks.reactive_controller import ReactiveController
+from forcectl.tasks.reactive_controller import ReactiveController, Supervision
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.task_parts import made_task
+
+_BEYOND_STICKING = 2.0  # times what friction explains: it may be that much larger than at commissioning
+_LEAST_FROZEN = 1e-3  # [rad] of the command, while its reading repeats
 
 
 @dataclass(kw_only=True)
@@ -82,6 +87,13 @@ class TaskControllerConfig(Config):
     )
     constraints: list[Any] = slot(
         "constraint", list, meaning="constraints besides joint limits and link distances, kept in every mode"
+    )
+    frozen_distance: float | None = key(
+        None,
+        "motion of the command of a joint while its reading repeats bit for bit, beyond which the reading counts as "
+        "frozen; null: twice what friction and the quantum of the readings explain, if the drive tells it, else 0.01",
+        unit="rad",
+        bounds="positive",
     )
     solver: str = key(DEFAULT_SOLVER, "solver of the quadratic programs", choices=solver_choices)
 
@@ -149,9 +161,17 @@ class TaskControllerConfig(Config):
                 constraints=[*([] if modes else kept[0]), *always],
                 modes=made,
                 limits=limits,
+                supervision=self._supervision(model),
                 period=model.period,
                 solver=self.solver,
             )
+
+    def _supervision(self, model: PlantModel) -> Supervision:
+        if self.frozen_distance is not None:
+            return Supervision(frozen_distance=self.frozen_distance)
+        if not model.unseen_travel.size:
+            return Supervision()
+        return Supervision(frozen_distance=np.maximum(_BEYOND_STICKING * model.unseen_travel, _LEAST_FROZEN))
 
     def _distances(
         self, shapes: RobotShapes | None, model: PlantModel, touching: Sequence[Sequence[str]], key: str
