@@ -213,13 +213,12 @@ def test_one_variant_resolves_with_only_the_expectations_about_it():
 
 def test_one_variant_is_built_with_only_the_expectations_about_it(tmp_path):
     """Metrics beyond the run are refused with the place of their line in the file."""
-    text = """
+    text = """\
         duration: 2
         variants: {one: {}, two: {seed: 1}}
         expect:
           - {target: a, metric: overshoot_pct, variant: one, maximum: 9}
-          - {target: b, metric: settling_time_2pct_s, variant: two, minimum: %s}
-        """
+          - {target: b, metric: settling_time_2pct_s, variant: two, minimum: %s}"""
     assert load_scenario(write(tmp_path, text % 1.0), "two").build()
     with pytest.raises(BadInputError, match=r"expect\.1\.minimum = 30\.0: must be at most 2 s, as duration"):
         load_scenario(write(tmp_path, text % 30.0), "two").build()
