@@ -10,6 +10,7 @@ from forcectl.doctor.connections import unconnected_inputs, unused_outputs
 from forcectl.doctor.delays import chain_findings, declared_findings
 from forcectl.doctor.feedthrough import missing_prerequisites, undeclared_prerequisites
 from forcectl.doctor.loops import algebraic_loops
+from forcectl.doctor.overlaps import overlapping_bodies
 from forcectl.doctor.repeat import not_repeatable
 from forcectl.doctor.report import Finding, Report, error, info, sort_findings
 from forcectl.doctor.timing import failed_updates, timing_findings
@@ -66,6 +67,7 @@ def examine(
         *_structure(values),
         *refused_scheme(values, chosen),
         *non_finite_outputs(values),
+        *overlapping_bodies(values),
         *failed_updates(values, timing),
         *not_repeatable(values, timing),
         *timing_findings(timing.events),
