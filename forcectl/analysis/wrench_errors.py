@@ -127,17 +127,21 @@ class WrenchErrorAnalysis(Config):
         return found | self._detection(time, estimated[:, 3:], true[:, 3:])
 
     def _detection(self, time: Array, estimated: Array, true: Array) -> dict[str, float | None]:
-        """How soon each load is detected: by the estimated force along it, relative to the estimate before it."""
+        """How soon each load is detected, by the estimated force along it.
+
+        The part that is felt is relative to the estimate before the load; a threshold sees the estimate as it is.
+        """
         detected: dict[str, list[float]] = {name: [] for name in _DETECTED}
         delays: list[float] = []
         loads = [load for load in stretches(np.linalg.norm(true, axis=1) > _LEAST) if load.start > 0]
         for load in loads:
             since, size = time[load] - time[load.start], np.linalg.norm(true[load], axis=1)
-            along = np.sum((estimated[load] - estimated[load.start - 1]) * true[load], axis=1) / size
+            along = np.sum(estimated[load] * true[load], axis=1) / size
+            felt = along - true[load] @ estimated[load.start - 1] / size
             for name, (after, share) in _DETECTED.items():
                 at = np.searchsorted(since, after - 1e-9)
                 if at < len(since):
-                    detected[name].append(100.0 * float(along[at] >= share * size[at]))
+                    detected[name].append(100.0 * float(felt[at] >= share * size[at]))
             above = np.flatnonzero(along > self.threshold)
             delays.append(float(1e3 * since[above[0]]) if len(above) else np.inf)
         found = [delay for delay in delays if np.isfinite(delay)]

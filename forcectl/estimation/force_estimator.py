@@ -345,6 +345,15 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
         "names of two arms that touch each other: the signal wrench_between is the wrench of the first on the second, "
         "at its TCP; empty: there is none",
     )
+    between_force_walk: float | None = key(
+        None, "force_walk of the filter of `between`; null: that of the arms", unit="N", bounds="positive"
+    )
+    between_outlier: float = key(
+        0.0,
+        "residual of a joint's balance / its standard deviation, above which the filter of `between` raises the latter "
+        "in proportion: strikes and swings of a few ticks count less, sudden forces are found later; 0: none",
+        bounds="from 0 to 100",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -356,14 +365,8 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
         return _LEVER * self.force_walk / (self.noise * math.sqrt(period))
 
     def _wrench(self, model: PlantModel, momentum: MomentumModel, arm: ArmParts, axes: Frame | None) -> Any:
-        return WrenchFilter(
-            momentum,
-            model.friction.scaled(self.friction_scale),
-            arm.tcp_frame,
-            axes,
-            joints=arm.joints,
-            **self._options(model),
-        )
+        friction = model.friction.scaled(self.friction_scale)
+        return WrenchFilter(momentum, friction, arm.tcp_frame, axes, joints=arm.joints, **self._options(model))
 
     def _between(self, model: PlantModel, momentum: MomentumModel) -> WrenchBetweenFilter | None:
         if not self.between:
@@ -374,7 +377,8 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
                 raise unknown("between", name, list(robot.parts.arms))
         first, second = (robot.parts.arms[name] for name in self.between)
         axes, friction = self._axes(robot, second.tcp_frame), model.friction.scaled(self.friction_scale)
-        return WrenchBetweenFilter(momentum, friction, (first, second), axes, **self._options(model))
+        own = {"outlier": self.between_outlier, "force_walk": self.between_force_walk or self.force_walk}
+        return WrenchBetweenFilter(momentum, friction, (first, second), axes, **(self._options(model) | own))
 
     def _options(self, model: PlantModel) -> dict[str, Any]:
         names = ("moment", "noise", "jerk_noise", "force_walk", "moment_walk", "bias", "bias_walk", "slow", "hold")

@@ -15,6 +15,10 @@ and with them the share in which a balance contains ticks of unknown friction.
 
 After a jerk of a joint, as where an arm stops suddenly, the links swing on the elasticity of their joints; the balance
 contains accelerations that the readings of the motors do not show. Noise in proportion to the jerk allows for them.
+
+A balance that changes faster than the random walks let w follow has a large residual after the update. With `outlier`
+its noise is then raised in proportion to the residual, and the update is repeated: a strike of a tick, or a swing, is
+believed less. So is a force that comes at once, which is found some ticks later; one that grows slowly is not.
 """
 
 from __future__ import annotations
@@ -27,6 +31,7 @@ from scipy.linalg.lapack import dposv
 
 from forcectl.arrays import Array
 from forcectl.framework.batch import check
+from forcectl.framework.kernels import largest
 from forcectl.framework.sampled_block import Memory
 
 _SWINGS = 0.018  # [s] time constant with which the noise of a jerk fades, about that of a swing
@@ -62,6 +67,8 @@ class MovingJoints:
         noise: standard deviation of the balance of a tick [Nm], > 0; times (0.3 Nm + tau_C)/1 Nm in joints with tau_C
             below 0.7 Nm.
         jerk_noise: standard deviation of the balance of a joint per jerk of the joint / tau_C [s^3/rad], >= 0.
+        outlier: residual of a balance / its standard deviation, above which the latter is raised in proportion; 0: it
+            never is [1], >= 0.
         bias: standard deviation of c at the start / tau_C; that of b is 0.6 of it [1], > 0.
         bias_walk: random walk of b, as the standard deviation of its change in 1 s / tau_C; a quarter for c [1], > 0.
         slow: speed over a tick below which a joint may stick [rad/s], > 0.
@@ -80,6 +87,7 @@ class MovingJoints:
         *,
         noise: float = 0.25,
         jerk_noise: float = 0.0,
+        outlier: float = 0.0,
         bias: float = 0.05,
         bias_walk: float = 0.008,
         slow: float = 0.004,
@@ -99,6 +107,7 @@ class MovingJoints:
             self._shares = (kept, 0.5 * (1.0 - kept), 0.5 * (1.0 - kept))
         self._noise = (check("noise", noise, "positive") * np.minimum(1.0, 0.3 + coulomb)) ** 2
         self._jerk_noise = check("jerk_noise", jerk_noise, "not negative") * coulomb
+        self._outlier = check("outlier", outlier, "not negative")
         self._fades = math.exp(-self._period / _SWINGS)
         self._unknown = (_UNKNOWN * coulomb) ** 2
         self._fresh = (check("bias", bias, "positive") * coulomb) ** 2
@@ -164,12 +173,16 @@ class MovingJoints:
         H[:, :m] = rows
         H.flat[m + k :: size + 1] = late
         gained = H @ P
-        S = gained @ H.T
-        S.flat[:: k + 1] += self._noise + (self._jerk_noise * jerk) ** 2 + ignored**2 * self._unknown
-        _, solved, failed = dposv(S, gained)
+        S, innovation = gained @ H.T, d - H @ x
+        noise = self._noise + (self._jerk_noise * jerk) ** 2 + ignored**2 * self._unknown
+        gain, failed = _gain(S, noise, gained)
+        if self._outlier and not failed:
+            excess = np.abs(innovation - H @ (gain @ innovation)) / (self._outlier * np.sqrt(noise))
+            if largest(excess) > 1.0:
+                gain, failed = _gain(S, noise * np.maximum(excess, 1.0) ** 2, gained)
         if not failed:
-            x = x + solved.T @ (d - H @ x)
-            P = P - solved.T @ gained
+            x = x + gain @ innovation
+            P = P - gain @ gained
             P = 0.5 * (P + P.T)
         after = {
             "state": x,
@@ -186,3 +199,11 @@ class MovingJoints:
             "ignored": ignored,
         }
         return MovingJointsEstimate(x, P, H, d, ignored, after)
+
+
+def _gain(S: Array, noise: Array, gained: Array) -> tuple[Array, bool]:
+    """P H' (S + R)^-1 with S = H P H', R = diag(noise) and `gained` = H P; True if there is none."""
+    noisy = S.copy()
+    noisy.flat[:: len(noise) + 1] += noise
+    _, solved, failed = dposv(noisy, gained)
+    return solved.T, failed != 0

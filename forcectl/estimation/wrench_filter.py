@@ -172,8 +172,8 @@ class WrenchFilter(MovingJointsFilter):
         tare_window: end and begin of the window of `Taring`, as times before now [s]; empty: none.
         tare_change: change of a force from the tare value, above which taring pauses [N], > 0.
         period: tick [s].
-        **joint_options: `noise`, `jerk_noise`, `bias`, `bias_walk`, `slow`, `hold` and `velocity_bandwidth` of
-            `MovingJoints`.
+        **joint_options: `noise`, `jerk_noise`, `outlier`, `bias`, `bias_walk`, `slow`, `hold` and
+            `velocity_bandwidth` of `MovingJoints`.
 
     Raises:
         BadInputError: a value out of range, friction of another number of joints, a frame of another plant.

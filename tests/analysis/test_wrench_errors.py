@@ -51,6 +51,16 @@ def test_a_load_is_felt_after_a_while_beyond_what_was_there_before():
     assert judged(tip_wrench=true, estimated_wrench=0.0 * true)["loads_missed"] == 2.0
 
 
+def test_a_threshold_sees_the_estimate_as_it_is():
+    """A false -1 N from before the load on: what is felt is the change, what is found is the sum."""
+    true = wrench([0, 0, 3.0], 1.0, 2.0)
+    ramp = 3.0 * np.clip((TICK * np.arange(COUNT) - 1.0) / 0.3, 0.0, 1.0)[:, None] * (true != 0.0)
+    found = judged(tip_wrench=true, estimated_wrench=ramp + wrench([0, 0, -1.0], 0.0, 2.0))
+    assert found["load_found_ms"] == pytest.approx(145.0, abs=4.0)  # from -1 to 0.45 N at 10 N/s
+    assert found["felt_after_200_ms_pct"] == 0.0
+    assert judged(tip_wrench=true, estimated_wrench=ramp)["load_found_ms"] == pytest.approx(45.0, abs=4.0)
+
+
 def test_loads_that_last_just_as_long_count_whenever_they_begin():
     loads = sum(wrench([0, 0, 3.0], begin, begin + 0.2 + TICK / 2) for begin in TICK * np.arange(100, 900, 97))
     found = judged(tip_wrench=loads, estimated_wrench=loads * (np.arange(COUNT) < 460)[:, None])

@@ -8,6 +8,7 @@ from forcectl.errors import BadInputError
 from forcectl.estimation.force_estimator import KalmanForceEstimatorConfig
 from forcectl.estimation.wrench_between_filter import WrenchBetweenFilter
 from forcectl.estimation.wrench_filter import WrenchFilter
+from forcectl.motion.joint_path import DitherConfig, JointMovesConfig
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.robot.momentum_model import MomentumModel
 from tests.examples.reactive_examples import two_arms
@@ -111,6 +112,26 @@ def test_two_arms_that_move_feel_it_sooner_than_one():
     assert found_after(times, both[:, 3:] @ towards) < found_after(times, right[:, 3:] @ towards)
 
 
+def test_a_strike_of_a_tick_is_believed_less():
+    """A joint is struck, by 1.5 Nm for a tick every 0.1 s; a force that comes at once is found somewhat later."""
+
+    def struck(t, values):
+        hit = (np.arange(N) == 3) & (round(t / PERIOD) % 25 == 0)
+        return {"torque_balance": values["torque_balance"] + 1.5 * hit}
+
+    times, (plain, careful) = run([between(), between(outlier=0.9)], 1.4, changed=struck)
+    before, towards = (times > 0.2) & (times < BEGIN), FORCE / np.linalg.norm(FORCE)
+    assert np.abs(careful[before][:, 3:]).max() < 0.5 * np.abs(plain[before][:, 3:]).max()
+    assert found_after(times, careful[:, 3:] @ towards) < found_after(times, plain[:, 3:] @ towards) + 0.03
+    assert np.abs(careful[times > 1.2][:, 3:] - FORCE).max() < 0.2
+
+
+def test_without_an_outlier_the_filter_is_the_plain_one():
+    """Residuals that are never so large change nothing, bit for bit."""
+    _, (plain, careful) = run([between(), between(outlier=1e3)], 0.7)
+    np.testing.assert_array_equal(plain, careful)
+
+
 def test_without_a_moment_there_is_no_torque():
     _, (found,) = run([between(moment=False)], 0.7)
     assert not found[:, :3].any()
@@ -157,6 +178,19 @@ def test_in_a_scenario_it_is_a_signal_of_the_log():
     assert log["wrench_between"].shape[1] == 6
     assert log["wrench_between"].attrs["units"] == "Nm,N"
     assert "wrench_between" not in fc.run(with_estimator()).log
+
+
+@pytest.mark.parametrize("own", [{"between_force_walk": 0.1}, {"between_outlier": 0.01}])
+def test_it_has_keys_of_its_own(own):
+    """The estimates of the arms stay as they are, bit for bit."""
+    moving = SCENARIO | {"controller": JointMovesConfig(dither=DitherConfig(amplitude_deg=2.0)), "duration": 0.2}
+    found = []
+    for more in ({}, own):
+        estimator = KalmanForceEstimatorConfig(between=["left", "right"], **more)
+        found.append(fc.run(moving | {"estimators": {"force": estimator}}).log)
+    plain, changed = found
+    np.testing.assert_array_equal(changed["estimated_wrench"], plain["estimated_wrench"])
+    assert np.abs(changed["wrench_between"].values - plain["wrench_between"].values).max() > 0.01
 
 
 @pytest.mark.parametrize(
