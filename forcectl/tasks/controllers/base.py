@@ -93,7 +93,7 @@ class TaskControllerConfig(Config):
         "motion of the command of a joint while its reading repeats bit for bit, beyond which the reading counts as "
         "frozen; null: twice what friction and the quantum of the readings explain, if the drive tells it, else 0.01",
         unit="rad",
-        bounds="positive",
+        bounds="above 0 and at most 1",
     )
     solver: str = key(DEFAULT_SOLVER, "solver of the quadratic programs", choices=solver_choices)
 
