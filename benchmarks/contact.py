@@ -4,7 +4,7 @@ The left hand leads the plunger into the bore, 2 mm and 3 degrees off, from 10 t
 is held beside. Links that touch each other push each other, joints are elastic, everything is logged. Times are of the
 CPU. The shares come from taking parts away: the contact, the estimator, and the controller from a loop that stands.
 
-A trial is `peg_in_hole` up to 3 s: with the shapes of the parts, and with rings in their place.
+A trial is `peg_in_hole` up to 3 s: with the shapes of the parts, and with `!PegInBore` in their place.
 """
 
 from __future__ import annotations
