@@ -35,7 +35,7 @@ from forcectl.plant.drives.joint_servo import JointServo
 from forcectl.plant.drives.motor_motion import MotorMotion
 from forcectl.plant.drives.motors import MOTOR_PORTS
 from forcectl.plant.drives.position_loop import zero_order_hold
-from forcectl.plant.drives.servo import servo_gains
+from forcectl.plant.drives.servo import ServoGains, servo_gains
 from forcectl.robot.model import RobotModel
 
 if TYPE_CHECKING:
@@ -116,8 +116,8 @@ class JointInterfaceConfig(Config):
 
         From one end of the Coulomb friction to the other, in slow motion and with the integral at rest.
         """
-        gains = servo_gains(*_second_order(workcell, self.servo), self.servo.integral_gain)
-        return 2 * self.true_friction(workcell.robot).coulomb / (gains.position * gains.velocity * _inertia(workcell))
+        gains, inertia = _gains(workcell, self.servo), np.diag(_mass_matrix(workcell))
+        return 2 * self.true_friction(workcell.robot).coulomb / (gains.position * gains.velocity * inertia)
 
     def pressing(self, workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:
         """Response from [dx_bar, its rate] to the contact force for this K_E [N/m], per tick, without friction.
@@ -125,10 +125,8 @@ class JointInterfaceConfig(Config):
         Links, rotors, servo loops and contact are one linear system between ticks: the contact deflects the servos.
         The rate is not used, as a force law commands positions. Joint springs are in series with the contact.
         """
-        n, context = workcell.num_joints, workcell.start_context()
-        gains = servo_gains(*_second_order(workcell, self.servo), self.servo.integral_gain)
-        mass = workcell.robot.mass_matrix(context) + np.diag(workcell.rotor_inertia)
-        inertia = np.diag(_inertia(workcell))
+        n, mass = workcell.num_joints, _mass_matrix(workcell)
+        gains, inertia = _gains(workcell, self.servo), np.diag(np.diag(mass))
         series = 1 + contact.robot_compliance * stiffness
         damping = getattr(contact.environment, "damping", 0.0)
         force = -np.concatenate([stiffness * contact.row, damping * contact.row, np.zeros(n)]) / series
@@ -245,24 +243,24 @@ class JointInterface(PythonDiagram):
         builder.BuildInto(self)
 
 
-def _second_order(workcell: Workcell, own: JointServoConfig) -> tuple[float, float]:
-    """Bandwidth [rad/s] and damping ratio [1] of the position loops."""
+def _gains(workcell: Workcell, own: JointServoConfig) -> ServoGains:
     filter_ = workcell.robot.parameters.reference_filter
     bandwidth = filter_.natural_frequency if own.bandwidth is None else own.bandwidth
-    return bandwidth, filter_.damping_ratio if own.damping_ratio is None else own.damping_ratio
+    damping_ratio = filter_.damping_ratio if own.damping_ratio is None else own.damping_ratio
+    return servo_gains(bandwidth, damping_ratio, own.integral_gain)
 
 
-def _inertia(workcell: Workcell) -> Array:
-    """The inertia that the servos are tuned for: that of each joint at the start, shape (n,) [kg m2]."""
-    return workcell.rotor_inertia + np.diag(workcell.robot.mass_matrix(workcell.start_context()))
+def _mass_matrix(workcell: Workcell) -> Array:
+    """Of links and rotors at the start, shape (n, n) [kg m2]; the servos are tuned for its diagonal."""
+    return workcell.robot.mass_matrix(workcell.start_context()) + np.diag(workcell.rotor_inertia)
 
 
 def _servo(workcell: Workcell, config: JointInterfaceConfig) -> JointServo:
     own = config.servo
     limit = workcell.robot.limits.torque if own.torque_limits else np.full(workcell.num_joints, np.inf)
     return JointServo(
-        servo_gains(*_second_order(workcell, own), own.integral_gain),
-        _inertia(workcell),
+        _gains(workcell, own),
+        np.diag(_mass_matrix(workcell)),
         limit,
         period=workcell.period,
         time_step=workcell.config.time_step,
