@@ -6,11 +6,20 @@
 L is convex when the block matrix [Q_p Q_pv; Q_pv' Q_v] has no negative eigenvalue. With Q_pv = 0 and
 Q_p = r/(Ts/2 + r Ts^2/4) Q_v, a position error decays at the rate r [1/s] if x'_gen is the derivative of x_gen. Here L
 is divided by Ts^2, so that its curvature is about J'Q_v J.
+
+Its minimum corrects a deviation d = x - x_gen of this tick at once. A controller that limits the change of u cannot: it
+would overshoot and oscillate. So only the share Ts/T of the deviation is to be corrected within a tick. The other part
+is left out of the errors::
+
+    e - (1 - Ts/T) (d + Ts d'),   e' - (1 - Ts/T) d'
+
+With the Q_p above, a deviation then decays by d'' = -(d' + r d)/T. With T = Ts this is (5.16) itself.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +30,13 @@ from forcectl.framework.batch import batch_values, check
 from forcectl.tasks.coordinates import TaskState
 
 _ROUNDING = 1e-12  # relative to the largest: an eigenvalue this little below zero counts as zero
+
+
+class Deviation(NamedTuple):
+    """Deviation d of the commanded motion from the reference, and d', (k,) [m or rad, per s]."""
+
+    value: Vector
+    rate: Vector
 
 
 @dataclass(frozen=True)
@@ -34,6 +50,8 @@ class Weights:
         velocity: Q_v; None: 1 for radians and 1/L^2 for metres, L the robot's characteristic length.
         cross: Q_pv.
         position_slope, velocity_slope: g_p, g_v, (k,).
+        rate: r, if `position` is None [1/s].
+        correction: T, time constant with which a deviation from the reference is corrected [s]; 0: within a tick.
     """
 
     position: ArrayLike | None = None
@@ -42,6 +60,7 @@ class Weights:
     position_slope: ArrayLike = 0.0
     velocity_slope: ArrayLike = 0.0
     rate: float = 40.0
+    correction: float = 0.01
 
 
 class TaskCost:
@@ -59,6 +78,8 @@ class TaskCost:
     def __init__(self, weights: Weights, scale: Vector, period: float):
         size, Ts = len(scale), check("period", period, "positive")
         self._period = Ts
+        correction = check("correction", weights.correction, "not negative")
+        self._left = 1.0 - Ts / max(correction, Ts)
         Qv = _matrix("velocity", scale**2 if weights.velocity is None else weights.velocity, size)
         # With this Q_p a position error decays at the rate, see above.
         r = check("rate", weights.rate, "positive")
@@ -85,13 +106,16 @@ class TaskCost:
         self._constant = (half * position_slope + velocity_slope) / Ts
         self._half, self._slopes = 0.5 * together, np.concatenate([position_slope, velocity_slope])
 
-    def slope(self, state: TaskState, position: Vector, velocity: Vector) -> Vector:
+    def slope(self, state: TaskState, position: Vector, velocity: Vector, deviation: Deviation) -> Vector:
         """w of L/Ts^2 = a'W a/2 + w'a + constant, with W = `curvature`, for a = J u + J'q'; (k,).
 
         Args:
             position, velocity: x_gen, x'_gen at the next tick, (k,) [m or rad, per s].
+            deviation: at this tick.
         """
-        error, rate = state.value + self._period * state.rate - position, state.rate - velocity
+        d, d_rate = deviation
+        rate = state.rate - velocity - self._left * d_rate
+        error = state.value + self._period * state.rate - position - self._left * (d + self._period * d_rate)
         return self._by_position @ error + self._by_velocity @ rate + self._constant
 
     def value(self, error: Vector, rate: Vector) -> float:

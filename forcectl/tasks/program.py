@@ -1,15 +1,15 @@
 """Quadratic programs of the reactive controller at one tick: tasks by priority, then null space; (5.14), (5.18)::
 
     level 1, 2, ...   L of the tasks of that priority (5.16) + damping |u - u_rest|^2/2
-    level 1           also |N (u - u_calm)|^2/2, with the projection N onto the null space of its tasks
+    level 1           also w |N (u - u_calm)|^2/2, with the projection N onto the null space of its tasks, w = 0.2
     last level        the criterion, (5.19), (5.20)
 
 The damping makes the optimum unique. It is small (a task moves 0.1 % slower where its singular value is 0.3) except
 near a singular posture of the first level, where it grows as in a damped inverse. u_rest = -q'/Ts leads to rest at the
-next tick. The term with N changes the optimum only where a constraint row is active: then the tasks deviate, instead
-of a strong acceleration of the arm in its null space. N u_calm is N u of the tick before, reduced towards zero by half
-of the change that is allowed for u. The term is left out while the null-space motion brakes, and where level 1 settles
-the criterion as well, see `TaskProgram.pose`.
+next tick. The term with N changes the optimum only where a row or bound is active: then the tasks deviate, instead of a
+strong acceleration of the arm in its null space. With a larger w the tasks deviate more where the null-space motion has
+to brake. N u_calm is N u of the tick before, reduced towards zero by half of the change that is allowed for u. The term
+is left out where level 1 settles the criterion as well, see `TaskProgram.pose`.
 
 Rows of the joint torques are in the programs only in ticks in which a solution without them exceeds a limit.
 """
@@ -33,10 +33,11 @@ from forcectl.qp.solvers import Solver
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import ConstraintSet, Rows
 from forcectl.tasks.coordinates import ArmTask, TaskState
-from forcectl.tasks.cost import TaskCost, Weights
+from forcectl.tasks.cost import Deviation, TaskCost, Weights
 from forcectl.tasks.null_space import AnyCriterion, JointSpeed, stepped
 
 _NO_MEMORY = np.zeros(0)
+_BESIDE = 0.2  # weight of accelerations in the null space; of those of the tasks about 1
 _CALMING = 0.5  # share of the allowed change of u; the other half is left to the tasks
 _TINY = 1e-12  # [rad/s^2]
 _LEAST_DAMPING = 1e-4
@@ -77,11 +78,12 @@ class TaskLevel:
         """The state of its coordinates, from that of all."""
         return state if len(state.value) == self.size else TaskState(*(whole[self.rows] for whole in state))
 
-    def objective(self, part: TaskState, position: Vector, velocity: Vector) -> Level:
-        """L of this level, scaled, without damping."""
-        J = part.jacobian
+    def objective(self, part: TaskState, position: Vector, velocity: Vector, deviation: Deviation) -> Level:
+        """L of this level, scaled, without damping; the arguments are those of all coordinates, but for `part`."""
+        J, rows = part.jacobian, self.rows
         weighted = self._curvature @ J
-        slope = self._unit * self.cost.slope(part, position, velocity)
+        own = Deviation(deviation.value[rows], deviation.rate[rows])
+        slope = self._unit * self.cost.slope(part, position[rows], velocity[rows], own)
         return Level(J.T @ weighted, part.bias @ weighted + slope @ J, J)
 
     def damping(self, J: Vector) -> float:
@@ -153,6 +155,7 @@ class TaskProgram:
         state: TaskState,
         position: Vector,
         velocity: Vector,
+        deviation: Deviation,
         smooth: Smooth | None = None,
         memory: Vector = _NO_MEMORY,
     ) -> Posed:
@@ -167,6 +170,7 @@ class TaskProgram:
             state: of all task coordinates.
             position: x_gen at the next tick.
             velocity: x'_gen at the next tick.
+            deviation: of all task coordinates from x_gen at this tick.
             smooth: see `Problem`.
             memory: of the criterion.
         """
@@ -176,17 +180,17 @@ class TaskProgram:
         near = self._levels[0].damping(first if mobility is None else first * mobility)
         found, damping, rest = [], max(near, _LEAST_DAMPING), motion.v / self._period
         for level, part in zip(self._levels, parts, strict=True):
-            hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])
+            hessian, gradient, J = level.objective(part, position, velocity, deviation)
             found.append(Level(hessian + damping * self._eye, gradient + damping * rest, J))
             damping = _LEAST_DAMPING
         if not self._settled and self._beside.size:
-            found[0] = self._calmed(found[0], motion.v, smooth)
+            found[0] = self._calmed(found[0], smooth)
         cost, memory = self._last_level(motion, self._period, memory)
         problem = Problem(motion, rows, [*found, Level(*cost)], settled=self._settled, smooth=smooth)
         return Posed(problem, near > 0.0, memory)
 
-    def _calmed(self, level: Level, v: Vector, smooth: Smooth | None) -> Level:
-        """Level 1 with the term `|N (u - u_calm)|^2/2`, see this module."""
+    def _calmed(self, level: Level, smooth: Smooth | None) -> Level:
+        """Level 1 with the term `w |N (u - u_calm)|^2/2`, see this module."""
         hessian, gradient, J = level
         assert J is not None
         free = left_free(J, self._beside) if all_finite(J) else None
@@ -195,12 +199,10 @@ class TaskProgram:
         share = free @ free.T
         if smooth is not None:
             before = share @ smooth.last
-            if before @ v < 0.0:  # the null-space motion brakes: no term
-                return level
             margin = np.where(before > 0.0, smooth.last - smooth.lower, smooth.upper - smooth.last)
             least = smallest(margin / np.maximum(np.abs(before), _TINY))
-            gradient = gradient - (1.0 - min(max(_CALMING * least, 0.0), 1.0)) * before
-        return Level(hessian + share, gradient, J)
+            gradient = gradient - _BESIDE * (1.0 - min(max(_CALMING * least, 0.0), 1.0)) * before
+        return Level(hessian + _BESIDE * share, gradient, J)
 
     def solve(self, posed: Posed) -> Outcome:
         """The optimum, one with slack, or braking; see `Status`."""

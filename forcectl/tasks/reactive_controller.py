@@ -33,7 +33,7 @@ from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import JointLimits, RobotModel
 from forcectl.tasks.constraints.base import Constraint, Rows, checked_limits
 from forcectl.tasks.coordinates import ArmTask, TaskState, gathered
-from forcectl.tasks.cost import Weights
+from forcectl.tasks.cost import Deviation, Weights
 from forcectl.tasks.joint_state_monitor import JointStateMonitor, Readings
 from forcectl.tasks.modes import Mode, ModeBuilder, cost_components, longer
 from forcectl.tasks.null_space import AnyCriterion, JointSpeed
@@ -257,6 +257,7 @@ class ReactiveController(SampledBlock):
             "joint_acceleration": np.zeros(n),
             "mode": 0.0,
             "coordinates": task_start,  # predicted for this tick
+            "deviation": np.zeros(2 * k),  # of the commanded motion at this tick, and its rate
             "predicted_rates": np.zeros(predicted),
             **Readings(np.full(n, np.nan), start, np.ones(n), 0.0)._asdict(),
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
@@ -313,25 +314,23 @@ class ReactiveController(SampledBlock):
         rate = state.rate + Ts * a
         x = state.value + 0.5 * Ts * (state.rate + rate)
         # Coordinates that are not followed have no error.
-        position, velocity = mode.where_followed(position, x), mode.where_followed(velocity, rate)
-        acceleration = mode.where_followed(inputs.get("task_acceleration_reference", a), a)
-        start, missed, costs = (x, rate, a), 0.0, np.zeros(0)
+        reference = (position, velocity, inputs.get("task_acceleration_reference", a))
+        position, velocity, acceleration = map(mode.where_followed, reference, (x, rate, a))
+        start, missed, costs, deviation = (x, rate, a), 0.0, np.zeros(0), np.zeros(2 * self._size)
         if posed is not None and found.levels > 0:
-            error = x - position
-            missed = largest(np.abs(error) / self._tolerance)
-            costs = np.array([*mode.program.costs(error, rate - velocity), mode.program.criterion(posed, u)])
+            deviation = np.concatenate([x - position, rate - velocity])
+            missed = largest(np.abs(x - position) / self._tolerance)
+            costs = np.array([*mode.program.costs(*np.split(deviation, 2)), mode.program.criterion(posed, u)])
             ahead = None if target is None else mode.where_followed(target, x)
             start = self._reference_reset.start(start, (position, velocity, acceleration), ahead)
         progress = Progress(*(memory[name] for name in Progress._fields))
         if switched:
             progress = Progress(np.full(self._size, np.nan), np.inf, 0.0, 0.0, 0.0)
         if target is not None:
-            progress = self._progress.update(
-                progress, target, mode.where_followed(x, target), mode.where_followed(rate, 0.0)
-            )
+            reached = (mode.where_followed(x, target), mode.where_followed(rate, 0.0))
+            progress = self._progress.update(progress, target, *reached)
         predicted, levels, criterion = self._sizes
-        violation = max(rows.violation, found.beyond)
-        after = v + Ts * u
+        violation, after = max(rows.violation, found.beyond), v + Ts * u
         return {
             "status": float(found.status),
             "active_constraints": found.active,
@@ -346,6 +345,7 @@ class ReactiveController(SampledBlock):
             "joint_acceleration": u,
             "mode": float(number),
             "coordinates": x,
+            "deviation": deviation,
             "predicted_rates": longer(mode.constraints.predict_rates(rows, u), predicted),
             **readings._asdict(),
             **progress._asdict(),
@@ -384,7 +384,8 @@ class ReactiveController(SampledBlock):
             last = memory["joint_acceleration"]
             bounds = mode.constraints.joints.gradual(rows.lower, rows.upper, last)
             smooth = None if bounds is None else Smooth(*bounds, last)
-            posed = mode.program.pose(motion, rows, state, position, velocity, smooth, criterion)
+            deviation = Deviation(*memory["deviation"].reshape(2, -1))
+            posed = mode.program.pose(motion, rows, state, position, velocity, deviation, smooth, criterion)
         return Tick(rows, state, readings, posed, number, switched)
 
     def _monitored(self, start: TickStart) -> tuple[Readings, bool]:

@@ -7,7 +7,9 @@ import pytest
 
 from forcectl.errors import BadInputError
 from forcectl.framework.euler_angles import EulerAngles
+from forcectl.framework.rotation_vector import RotationVector
 from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import RobotModel
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import CartesianWall, Evaluation
 from forcectl.tasks.constraints.task_limits import OfArm, TaskRange, TaskSpeedLimit
@@ -77,7 +79,8 @@ def test_the_null_space_obeys_its_criterion_and_the_tasks_do_not_notice() -> Non
     calm, restless = (follow(reactive_controller(criterion=each)) for each in (JointSpeed(), Restless()))
     speeds = [float(np.mean(log["joint_velocity_command"] ** 2)) for log in (calm, restless)]
     assert speeds[0] < 0.95 * speeds[1]
-    np.testing.assert_allclose(reached(restless), reached(calm), atol=3e-4)
+    # A null-space motion of 0.8 rad/s brakes in front of position limits, of which the hand takes a small part.
+    np.testing.assert_allclose(reached(restless), reached(calm), atol=1e-3)
 
 
 @pytest.mark.slow
@@ -89,6 +92,31 @@ def test_standing_arms_turn_to_where_their_mass_is_small() -> None:
     assert masses[-1] < 0.985 * masses[0]
     assert (np.diff(masses) < 1e-3).all()
     assert np.abs(reached(log) - controller.task_start).max() < 3e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", range(3))
+def test_an_arm_comes_to_rest_after_a_jump_of_its_reference(axis: int) -> None:
+    """In a posture in which small errors of the hand take large motions of the joints, of which the jerk is limited."""
+    robot = RobotModel.load("yumi", "yumi_gripper")
+    posture = np.radians([-111, -54, -110, 56, 141, 78, -80, 0, -21, -92, 25, -185, -27, 109])
+    motion = ArmsMotion(robot, robot.create_context(), posture, np.zeros(N))
+    task = ArmTask("right", orientation=RotationVector(motion.arm("right").rotation))
+    controller = ReactiveController(robot, [task], start=posture, criterion=JointSpeed(0.1))
+    jump = 3e-3 * np.eye(6)[axis]
+    log = run_diagram(
+        controller,
+        1.0,
+        period=PERIOD,
+        inputs={
+            "task_position_reference": lambda t: controller.task_start + jump * (t > 0.1),
+            "task_velocity_reference": np.zeros(6),
+        },
+    )
+    acceleration = np.diff(log["joint_velocity_command"], axis=0) / PERIOD
+    assert np.abs(acceleration).max() > 10.0
+    assert np.abs(acceleration[150:]).max() < 0.1
+    np.testing.assert_allclose(log["task_position"][-1], controller.task_start + jump, atol=1e-5)
 
 
 @pytest.mark.slow

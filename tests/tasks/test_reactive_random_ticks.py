@@ -13,7 +13,7 @@ from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import CartesianWall, Constraint, ConstraintSet, JointTorqueLimit, Rows
 from forcectl.tasks.constraints.task_limits import OfArm, TaskRange, TaskSpeedLimit
 from forcectl.tasks.coordinates import TaskState
-from forcectl.tasks.cost import Weights
+from forcectl.tasks.cost import Deviation, Weights
 from forcectl.tasks.null_space import JointSpeed
 from forcectl.tasks.program import TaskProgram, task_levels
 from tests.examples.reactive_examples import N, arm_tasks, at, two_arms
@@ -22,6 +22,7 @@ from tests.examples.reference_program import clarabel, distance_from_optimum
 # At every change 1000, which have hundreds of binding rows; 10 000 take five seconds and more.
 TICKS = int(os.environ.get("FORCECTL_RANDOM_TICKS", "1000"))
 PERIOD, LENGTH = 0.004, 0.28
+NONE = Deviation(np.zeros(12), np.zeros(12))
 
 
 class Tick(NamedTuple):
@@ -72,7 +73,7 @@ class Ticks:
         rows = self.constraints.rows(motion, np.zeros(self.constraints.num_predicted_rates))
         wish = state.rate + rng.normal(size=12) * rng.uniform(0, 0.1)
         place = state.value + PERIOD * 0.5 * (state.rate + wish)
-        posed = self.program.pose(motion, rows, state, place, wish)
+        posed = self.program.pose(motion, rows, state, place, wish, NONE)
         outcome, levels = self.program.solve(posed), list(posed.problem.levels)
         first = self.first.solve(
             levels[:1], rows.matrix, rows.limit, u_lower=rows.lower, u_upper=rows.upper, fallback=v
@@ -126,7 +127,7 @@ def test_torques_asked_for_only_where_they_bind_give_the_optimum_of_all_rows(sha
     for seed in range(150):
         tick = ticks.random(seed)
         wish = tick.state.rate + 0.1 * np.random.default_rng(seed).normal(size=12)
-        asked = (tick.state, tick.state.value + PERIOD * 0.5 * (tick.state.rate + wish), wish)
+        asked = (tick.state, tick.state.value + PERIOD * 0.5 * (tick.state.rate + wish), wish, NONE)
         rows, more = (each.rows(tick.motion, np.zeros(each.num_predicted_rates)) for each in (fewer, every))
         found = late.solve(late.pose(tick.motion, rows, *asked))
         expected = all_at_once.solve(all_at_once.pose(tick.motion, more, *asked))

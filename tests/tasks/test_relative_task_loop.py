@@ -65,9 +65,9 @@ def test_what_is_held_between_the_arms_is_held_while_both_move(orientation):
     fastest = 0.0
     for _ in range(100):
         here, _, motion = arms.advance(0.012)
-        # The positions are exact to second order in the tick; the rest is the controller's to correct.
+        # The positions are exact to second order in the tick; the rest is the controller's to correct, within 10 ms.
         np.testing.assert_allclose(motion.position, first.position, atol=2e-6)
-        np.testing.assert_allclose(motion.rotation, first.rotation, atol=4e-6)
+        np.testing.assert_allclose(motion.rotation, first.rotation, atol=8e-6)
         fastest, last = max(fastest, np.linalg.norm(here[:3] - last[:3]) / 0.012), here
     assert fastest > 0.1
     np.testing.assert_allclose(here, goal, atol=1e-6)
