@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -38,8 +39,11 @@ def _smoothness(log: Any, truth: PlantModel) -> dict[str, float | None]:
     jerk = _jerk(log, truth)
     if not len(jerk):
         return {}
+    position, speed = log["joint_position_command"].values, log["joint_velocity_command"].values
+    arms = [arm.joints for arm in truth.known_robot().parts.arms.values()]
     return {
         **smoothness(log, truth, np.ones(log.sizes["time"], dtype=bool)),
+        "reversals_at_standstill_1_s": reversals_at_rest(position, speed, truth.period, together=arms),
         "jerk_rad_s3": float(np.abs(jerk).max()),
         "jerk_rms_rad_s3": float(np.sqrt(np.mean(jerk**2, axis=0)).max()),
     }
@@ -68,7 +72,9 @@ def smoothness(log: Any, truth: PlantModel, ticks: Mask) -> dict[str, float | No
     }
 
 
-def reversals_at_rest(position: Array, speed: Array, period: float, counted: Mask | None = None) -> float:
+def reversals_at_rest(
+    position: Array, speed: Array, period: float, counted: Mask | None = None, together: Sequence[slice] = ()
+) -> float:
     """Largest number of reversals of one joint at rest within a second.
 
     A joint is at rest at a tick when its reference stayed within 2 mrad for 0.2 s until then. It reverses where its
@@ -79,6 +85,7 @@ def reversals_at_rest(position: Array, speed: Array, period: float, counted: Mas
         position, speed: of the joints at every tick, (ticks, n) [rad, rad/s].
         period: tick [s].
         counted: at which ticks a reversal counts, (ticks,); None: at all ticks.
+        together: joints that are at rest only together, such as those of an arm.
     """
     window = round(_REST_TIME / period)
     if len(position) <= window:
@@ -86,6 +93,8 @@ def reversals_at_rest(position: Array, speed: Array, period: float, counted: Mas
     bend = np.diff(speed, axis=0) / period
     view = np.lib.stride_tricks.sliding_window_view(position, window + 1, axis=0)
     rests = np.concatenate([np.zeros((window - 1, position.shape[1]), dtype=bool), np.ptp(view, axis=-1) <= _REST])
+    for joints in together:
+        rests[:, joints] = rests[:, joints].all(axis=1, keepdims=True)
     signs = np.where(rests & (np.abs(bend) > _NO_SIGN), np.sign(bend), 0.0)
     most = 0
     for sign, stay in zip(signs.T, (~rests).cumsum(axis=0).T, strict=True):

@@ -35,5 +35,14 @@ def test_a_joint_that_turns_round_does_not_rest() -> None:
     assert count(0.3 * np.sin(2 * np.pi * TIME)) == 0
 
 
+def test_a_joint_that_shakes_in_an_arm_that_moves_is_not_at_standstill() -> None:
+    position = np.stack([1e-4 * np.sin(2 * np.pi * 10.0 * TIME), 0.1 * np.maximum(TIME - 1.0, 0.0)], axis=1)
+    speed = np.gradient(position, PERIOD, axis=0)
+    assert reversals_at_rest(position, speed, PERIOD, TIME > 1.1) == pytest.approx(20, abs=1)
+    assert reversals_at_rest(position, speed, PERIOD, TIME > 1.1, [slice(0, 2)]) == 0
+    assert reversals_at_rest(position, speed, PERIOD, together=[slice(0, 2)]) == pytest.approx(17, abs=2)
+    assert reversals_at_rest(position, speed, PERIOD, TIME > 1.1, [slice(0, 1), slice(1, 2)]) > 18
+
+
 def test_a_log_that_is_too_short_has_none() -> None:
     assert count(np.zeros(3)) == 0

@@ -49,6 +49,11 @@ LOOP_METRICS: dict[str, Metric] = {
         "changes of the sign of q''_ref within a second, where |q''_ref| > 0.1 rad/s^2, while q_ref stays within "
         "2 mrad for 0.2 s",
     ),
+    "reversals_at_standstill_1_s": Metric(
+        "1/s",
+        "largest number of reversals within a second of a joint reference while the whole arm is at rest",
+        "as reversals_at_rest_1_s, while q_ref of all joints of the arm stays within 2 mrad for 0.2 s",
+    ),
     "torque_share": Metric(
         "1",
         "largest motor torque as a share of its limit; for drives without a limit, the largest that they may need",
