@@ -114,10 +114,13 @@ class JointInterfaceConfig(Config):
     def sticking_travel(self, workcell: Workcell) -> Array:
         """Largest motion of the command of a joint that friction keeps at rest, shape (n,) [rad].
 
-        From one end of the Coulomb friction to the other, in slow motion and with the integral at rest.
+        From one end of the Coulomb friction to the other, in slow motion and with the integral at rest; and from one
+        end of the dither to the other, which may cancel a motion.
         """
         gains, inertia = _gains(workcell, self.servo), np.diag(_mass_matrix(workcell))
-        return 2 * self.true_friction(workcell.robot).coulomb / (gains.position * gains.velocity * inertia)
+        by_friction = 2 * self.true_friction(workcell.robot).coulomb / (gains.position * gains.velocity * inertia)
+        by_dither = 2 * self.dither.amplitude * self.dither.largest_share
+        return np.asarray(by_friction + by_dither, dtype=np.float64)
 
     def pressing(self, workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:
         """Response from [dx_bar, its rate] to the contact force for this K_E [N/m], per tick, without friction.

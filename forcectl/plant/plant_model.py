@@ -54,8 +54,8 @@ class PlantModel:
         rotor_inertia: at the joints, shape (n,) [kg m2].
         velocity_bandwidth: bandwidth of the filter of the measured speeds [rad/s].
         obstacles: configurations of the boxes around the robot, by name.
-        unseen_travel: how far the command of a joint moves at most while its reading repeats, by friction and the
-            quantum of the reading, shape (n,) [rad]; empty where the drive does not tell.
+        unseen_travel: how far the command of a joint moves at most while its reading repeats, by friction, dither and
+            the quantum of the reading, shape (n,) [rad]; empty where the drive does not tell.
 
     Compliances may be given as numbers or lists.
 

@@ -57,6 +57,22 @@ def test_a_command_moves_no_farther_than_friction_and_the_quantum_hide(
         assert (travel >= least * most).all()
 
 
+def test_a_dither_that_cancels_the_motion_hides_more_of_it() -> None:
+    """At 0.02 to 0.2 rad/s the sum of command and dither reverses, and the joint sticks for some ticks."""
+    by_friction, most = (plant_model(describe(dither={"amplitude": each})).unseen_travel for each in (0.0, 1.5e-3))
+    np.testing.assert_allclose(most - by_friction, 0.012, rtol=1e-12)
+    workcell = describe(dither={"amplitude": 1.5e-3}, elastic_joints=True, sensors={"quantum": 1e-5})
+    speeds = np.linspace(0.02, 0.2, len(most))
+
+    def command(t: float) -> Array:
+        return workcell.motor_start + speeds * t
+
+    read = run(workcell, 2.0, joint_position_command=command, joint_velocity_command=speeds)["joint_position"]
+    travel = longest_travel(read, np.array([command(k * TICK) for k in range(len(read))]))
+    assert (travel <= most).all()
+    assert (travel > by_friction).any()
+
+
 @pytest.mark.parametrize(
     ("chosen", "drive"), [(None, "JointInterface"), (0.012, "JointInterface"), (None, "JointImpedance")]
 )

@@ -9,6 +9,7 @@ from forcectl.diagrams.model import Setting, plant_model
 from forcectl.diagrams.sensors import JointReadingsConfig
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import Workcell
+from forcectl.motion.joint_dither import JointDitherConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from forcectl.scenario.catalog import find_preset
 
@@ -31,15 +32,15 @@ def free(**options: Any) -> StationConfig:
     """A robot behind its joint interface in free space or among boxes, with what the preset `ideal` says of it.
 
     Args:
-        options: keys of the station; `servo` and `friction` are those of its drive, `sensors` are its joint readings,
-            each as a mapping or a configuration, and `obstacles` is a list of boxes.
+        options: keys of the station; `servo`, `friction` and `dither` are those of its drive, `sensors` are its joint
+            readings, each as a mapping or a configuration, and `obstacles` is a list of boxes.
     """
     ideal = find_preset("ideal", "JointInterface").tree["station"]
     readings = options.pop("sensors", {})
     if isinstance(readings, Mapping):
         readings = JointReadingsConfig(**{**ideal["sensors"]["joints"], **readings})
-    servo, friction = (options.pop(name, {}) for name in ("servo", "friction"))
-    drive = JointInterfaceConfig(servo=_made(JointServoConfig, servo), friction=_made(JointFrictionConfig, friction))
+    kinds = {"servo": JointServoConfig, "friction": JointFrictionConfig, "dither": JointDitherConfig}
+    drive = JointInterfaceConfig(**{name: _made(kind, options.pop(name, {})) for name, kind in kinds.items()})
     boxes = {f"box_{i + 1}": box for i, box in enumerate(options.pop("obstacles", []))}
     known = {"robot": "yumi", "tool": "yumi_gripper", "fidelity": "Multibody", "drive": drive}
     parts = {"sensors": {"joints": readings}, "environment": EnvironmentPartsConfig(parts=boxes)}

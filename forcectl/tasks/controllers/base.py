@@ -91,7 +91,7 @@ class TaskControllerConfig(Config):
     frozen_distance: float | None = key(
         None,
         "motion of the command of a joint while its reading repeats bit for bit, beyond which the reading counts as "
-        "frozen; null: twice what friction and the quantum of the readings explain, if the drive tells it, else 0.01",
+        "frozen; null: twice what friction, dither and quantum of the readings explain, if the drive tells, else 0.01",
         unit="rad",
         bounds="above 0 and at most 1",
     )
