@@ -74,7 +74,7 @@ def scenario(contact: str, step: float = 0.001, estimator: bool = True, controll
     from forcectl.diagrams.drives.joint_interface import JointInterfaceConfig
     from forcectl.diagrams.sensors import ContactTruthConfig, JointReadingsConfig
     from forcectl.diagrams.station import StationConfig
-    from forcectl.estimation.force_estimator import KalmanForceEstimatorConfig
+    from forcectl.estimation.force_estimator_config import KalmanForceEstimatorConfig
     from forcectl.motion.joint_path import JointMovesConfig
     from forcectl.plant.contact.pairs.peg_contact import InsertionConfig
     from forcectl.plant.contact.part import PartConfig

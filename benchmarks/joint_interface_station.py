@@ -23,7 +23,7 @@ REAL = {"elastic_joints": True, "self_collision": None}
 
 
 def benchmark(repeats: int) -> Iterator[Row]:
-    from forcectl.estimation.force_estimator import ForceEstimatorConfig
+    from forcectl.estimation.force_estimator_config import ForceEstimatorConfig
     from forcectl.motion.joint_path import JointExcitationConfig
     from forcectl.tasks.controllers.reaching import ReachConfig, ReactiveReachingConfig
 

@@ -126,6 +126,9 @@ class ModelConfig(Config, in_batches=True):
     inertia_scale: float = key(
         1.0, "masses and inertias of the model / those of the plant's robot", bounds="from 0.001 to 1000"
     )
+    joint_stiffness: float = key(
+        1.0, "stiffness of the elastic joints of the model / that of the plant", bounds="from 0.001 to 1000"
+    )
     payload: dict[str, PayloadConfig] = key(
         {}, "masses in the hands of the model that its tools do not have, by arm, as of a part that the arm holds"
     )
@@ -158,6 +161,7 @@ class ModelConfig(Config, in_batches=True):
             drive_compliance=self.robot_compliance * model.drive_compliance,
             environment_compliance=self.environment_compliance * model.environment_compliance,
             friction=friction.scaled(self.friction_scale),
+            joint_stiffness=self.joint_stiffness * model.joint_stiffness,
             robot=robot,
         )
 
@@ -197,6 +201,7 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
     sensor = None if lag else next((each for each in config.sensors.values() if hasattr(each, "force_lag")), None)
     interface = next((each for each in config.sensors.values() if hasattr(each, "velocity_bandwidth")), None)
     sticking = getattr(config.drive, "sticking_travel", None)
+    elastic = workcell.has_dynamics and config.elastic_joints
     return PlantModel(
         size=len(contacts),
         period=workcell.period,
@@ -221,6 +226,7 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
         has_gravity=workcell.has_gravity,
         friction=friction(workcell.robot) if friction else JointFriction(workcell.num_joints),
         rotor_inertia=rotors,
+        joint_stiffness=workcell.robot.joint_stiffness if elastic else np.zeros(0),
         velocity_bandwidth=getattr(interface, "velocity_bandwidth", np.inf),
         obstacles=workcell.obstacles,
         unseen_travel=sticking(workcell) + getattr(interface, "quantum", 0.0) if sticking else np.zeros(0),

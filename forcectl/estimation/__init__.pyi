@@ -2,8 +2,8 @@ from forcectl.estimation.environment import EnvironmentComplianceEstimator as En
 from forcectl.estimation.environment import ewrls_step as ewrls_step
 from forcectl.estimation.excited_compliance import ExcitedCompliance as ExcitedCompliance
 from forcectl.estimation.force_estimator import ForceEstimator as ForceEstimator
-from forcectl.estimation.force_estimator import ForceEstimatorConfig as ForceEstimatorConfig
-from forcectl.estimation.force_estimator import KalmanForceEstimatorConfig as KalmanForceEstimatorConfig
+from forcectl.estimation.force_estimator_config import ForceEstimatorConfig as ForceEstimatorConfig
+from forcectl.estimation.force_estimator_config import KalmanForceEstimatorConfig as KalmanForceEstimatorConfig
 from forcectl.estimation.momentum_observer import MomentumObserver as MomentumObserver
 from forcectl.estimation.recursive_vrft import RecursiveVrft as RecursiveVrft
 from forcectl.estimation.surface_offset import Sliding as Sliding

@@ -14,6 +14,9 @@ motor torque is the mean over each tick; the robot measures it at the rate of it
 
 Differentiated and low-pass filtered speeds lag by T/2 + 1/w_v. Position and torque are then passed through the same
 filter, so that all terms of the balance belong to the same, earlier instant.
+
+The encoders show the motors. Where joints are elastic, the links swing on them after every change of acceleration, and
+p has their own speeds v_l in place of v: p = B v_l + J_m v, see `forcectl.estimation.link_swing`.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.arrays import Array
 from forcectl.errors import BadInputError
+from forcectl.estimation.link_swing import swing
 from forcectl.framework.batch import BatchParameter, batch_values, check
 from forcectl.framework.block import scratch
 from forcectl.framework.kernels import all_finite, largest, smallest
@@ -100,6 +104,8 @@ class MomentumObserver(SampledBatch):
         friction: of (5.2), zero when None.
         velocity_bandwidth: w_v of the first-order filter of speeds that are differentiated from the sampled positions
             [rad/s]; None: the speeds are measured at the tick.
+        joint_stiffness: K of elastic joints, by which the speeds of the links differ from those of the motors, shape
+            (n,) or a number, > 0 [Nm/rad]; the plant of the model must have no rotors then. None: rigid joints.
     """
 
     on_arrays = True
@@ -119,6 +125,7 @@ class MomentumObserver(SampledBatch):
         frozen_speed: ArrayLike = 0.1,
         longest_gap: float = 0.02,
         largest_acceleration: ArrayLike = np.inf,
+        joint_stiffness: ArrayLike | None = None,
     ):
         n = model.num_joints
         friction = JointFriction(n) if friction is None else friction
@@ -142,6 +149,9 @@ class MomentumObserver(SampledBatch):
         self._lag = None if velocity_bandwidth is None else check("velocity_bandwidth", velocity_bandwidth, "positive")
         self._settle = 0.0 if self._lag is None else 10.0 / self._lag
         self._jump = batch_values("largest_acceleration", largest_acceleration, n, "positive")
+        self._stiffness: Array | None = None
+        if joint_stiffness is not None:
+            self._stiffness = batch_values("joint_stiffness", joint_stiffness, n, "positive and finite")
         self._jumps = bool(np.isfinite(self._jump).any())
         self._good, self._nothing, self._span = np.ones(n), np.zeros(n), np.array(self._period)
         self._frozen_speed = batch_values("frozen_speed", frozen_speed, n, "positive")
@@ -158,7 +168,8 @@ class MomentumObserver(SampledBatch):
         inputs = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity", "motor_torque")]
         inputs.append(self.DeclareVectorInputPort("reset", 1))
         self._scratch = scratch(self, "plant context", model.create_context)
-        self.declare_memory(dict.fromkeys(_MEMORY, 0.0) | {"sample_time": -1.0}, inputs, period)
+        memory = _MEMORY if self._stiffness is None else (*_MEMORY, "deflection", "link_speed")
+        self.declare_memory(dict.fromkeys(memory, 0.0) | {"sample_time": -1.0}, inputs, period)
         self.show("external_torque", "residual", "torque_balance", "balance_ok")
 
     def check_together(self, values: Mapping[str, Array]) -> None:
@@ -233,7 +244,16 @@ class MomentumObserver(SampledBatch):
             share = 0.5 * (1.0 - pole)
             late_q = pole * memory["late_position"] + share * (q + q_last)
             late_torque = pole * memory["late_torque"] + share * (mean_torque + memory["mean_torque"])
-        momentum, force = self._model.terms(self._scratch.Eval(context), late_q, v)
+        plant, swinging = self._scratch.Eval(context), dict[str, Array]()
+        momentum, force = self._model.terms(plant, late_q, v)
+        if self._stiffness is not None:
+            mass = self._model.mass_matrix(plant)  # at late_q, as `terms` left it
+            deflection, link_speed = self._nothing, v
+            if continues:
+                before = memory["deflection"], memory["link_speed"]
+                deflection, link_speed = swing(mass, self._stiffness, *before, v, elapsed)
+            momentum = momentum + mass @ (link_speed - v)
+            swinging = {"deflection": deflection, "link_speed": link_speed}
         balance = memory["torque_balance"]
         if continues:
             sign, ahead, back = mean_features(v_last, v)
@@ -264,4 +284,5 @@ class MomentumObserver(SampledBatch):
             "raw_speed": moved / elapsed if started else self._nothing,
             "impulse": self._nothing,
             "covered": self._nothing,
+            **swinging,
         }

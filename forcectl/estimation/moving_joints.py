@@ -138,7 +138,14 @@ class MovingJoints:
         }
 
     def tick(
-        self, memory: Memory, rows: Array, balance: Array, position: Array, speed: Array, ok: Array
+        self,
+        memory: Memory,
+        rows: Array,
+        balance: Array,
+        position: Array,
+        speed: Array,
+        ok: Array,
+        less: Array | None = None,
     ) -> MovingJointsEstimate:
         """One tick of the filter.
 
@@ -149,6 +156,8 @@ class MovingJoints:
             position: of the joints, not filtered, shape (k,) [rad].
             speed: of the joints, filtered as the balance, shape (k,) [rad/s].
             ok: of each joint whether its balance was updated in this tick, shape (k,).
+            less: by how much the covariance of w grows less in this tick than `walks` say, shape (w, w); None: it does
+                not.
         """
         last = memory["direction"]
         moved = memory["seen"] * (position - memory["position"])
@@ -169,6 +178,8 @@ class MovingJoints:
         m, k, size = self._acting, self.k, self.size
         x, P = memory["state"], memory["covariance"].reshape(size, size).copy()
         P.flat[:: size + 1] += self._walk
+        if less is not None:
+            P[:m, :m] -= less
         H = self._features.copy()
         H[:, :m] = rows
         H.flat[m + k :: size + 1] = late

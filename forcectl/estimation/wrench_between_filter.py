@@ -54,6 +54,8 @@ class WrenchBetweenFilter(MovingJointsFilter):
         moment_walk: the same of a torque [Nm], > 0.
         tare_window: end and begin of the window of `Taring`, as times before now [s]; empty: none.
         tare_change: change of a force from the tare value, above which taring pauses [N], > 0.
+        short_lever: lever arm of a force over the joints of both arms below which `force_walk` is smaller in its
+            direction, by the cube of the ratio; 0: nowhere [m], >= 0.
         period: tick [s].
         **joint_options: `noise`, `jerk_noise`, `outlier`, `bias`, `bias_walk`, `slow`, `hold` and
             `velocity_bandwidth` of `MovingJoints`.
@@ -76,6 +78,7 @@ class WrenchBetweenFilter(MovingJointsFilter):
         moment_walk: float = 0.04,
         tare_window: Sequence[float] = (),
         tare_change: float = 0.5,
+        short_lever: float = 0.0,
         period: float = 0.004,
         **joint_options: float,
     ):
@@ -83,7 +86,7 @@ class WrenchBetweenFilter(MovingJointsFilter):
         joints = np.concatenate([np.arange(arm.joints.start, arm.joints.stop) for arm in between])
         walks, tare = (6 if moment else 0, moment_walk, force_walk), (tare_window, tare_change)
         tip = between[1].tcp_frame
-        super().__init__(model, friction, joints, tip, expressed_in, walks, tare, period, joint_options)
+        super().__init__(model, friction, joints, tip, expressed_in, walks, tare, short_lever, period, joint_options)
         self.show("wrench")
 
     def _rows(self, plant: Context, q: Array) -> Array:

@@ -38,9 +38,9 @@ _LAG = 0.02  # [s] time constant of `torque_elsewhere`
 class MovingJointsFilter(SampledBlock):
     """Base of the filters that estimate a wrench at a frame from the joints that move.
 
-    A subclass maps the unknowns to joint torques in `_rows` and to the wrench in `_wrench`, and may keep further state
-    in `_further`. It has the input ports [torque_balance, joint_position, joint_velocity, balance_ok, tare] and the
-    output `wrench` of `WrenchFilter`.
+    A subclass maps the unknowns, torques before one force, to joint torques in `_rows` and to the wrench in `_wrench`,
+    and may keep further state in `_further`. It has the input ports [torque_balance, joint_position, joint_velocity,
+    balance_ok, tare] and the output `wrench` of `WrenchFilter`.
 
     Args:
         model: the n joints.
@@ -51,6 +51,8 @@ class MovingJointsFilter(SampledBlock):
         walks: number of unknown torque components; random walks of a torque and of a force, as the standard deviation
             of their change in 1 s [1, Nm, N].
         tare: window and change of `Taring`.
+        short_lever: lever arm of a force over the joints, the root of the sum of their squares, below which the random
+            walk of the force is smaller by the cube of the ratio [m], >= 0.
         period: tick [s].
         joint_options: keyword arguments of `MovingJoints`.
         further: further state by name.
@@ -74,6 +76,7 @@ class MovingJointsFilter(SampledBlock):
         expressed_in: Frame | None,
         walks: tuple[int, float, float],
         tare: tuple[Sequence[float], float],
+        short_lever: float,
         period: float,
         joint_options: Mapping[str, float],
         further: Mapping[str, Any] | None = None,
@@ -92,6 +95,8 @@ class MovingJointsFilter(SampledBlock):
             [check("moment_walk", moment_walk, "positive"), check("force_walk", force_walk, "positive")], [torques, 3]
         )
         self._torques = torques
+        self._short = check("short_lever", short_lever, "not negative") ** 2
+        self._grows = period * force_walk**2  # variance by which a force grows in a tick
         self._filter = MovingJoints(friction.coulomb[joints], gained, period=period, **joint_options)
         self._taring = Taring(*tare, period)
         sizes = {"torque_balance": n, "joint_position": n, "joint_velocity": n, "balance_ok": n, "tare": 1}
@@ -112,6 +117,17 @@ class MovingJointsFilter(SampledBlock):
         """Further state after the tick."""
         return {}
 
+    def _less(self, rows: Array) -> Array | None:
+        """By how much the force's covariance grows less in directions with a short lever, see `MovingJoints.tick`."""
+        forces = rows[:, self._torques :]
+        squares, axes = np.linalg.eigh(forces.T @ forces)
+        if squares[0] >= self._short:
+            return None
+        less = np.zeros((self._torques + 3, self._torques + 3))
+        missing = 1.0 - np.minimum(np.maximum(squares, 0.0) / self._short, 1.0) ** 3
+        less[self._torques :, self._torques :] = (axes * (self._grows * missing)) @ axes.T
+        return less
+
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """One tick of the filter."""
         mine, balance = self._joints, inputs["torque_balance"]
@@ -122,7 +138,8 @@ class MovingJointsFilter(SampledBlock):
             return {**memory, **tare, "seen": 0.0}
         plant = self._scratch.Eval(context)
         rows, balance = self._rows(plant, q), (balance + viscous_friction_torque(v, self._friction))[mine]
-        estimate = self._filter.tick(memory, rows, balance, q[mine], v[mine], inputs["balance_ok"][mine] > 0.5)
+        ok, less = inputs["balance_ok"][mine] > 0.5, self._less(rows) if self._short else None
+        estimate = self._filter.tick(memory, rows, balance, q[mine], v[mine], ok, less)
         shown, tare = self._taring.step(tare, self._wrench(estimate.x[: self._torques + 3]), level)
         rotation = self._frame.CalcRotationMatrix(plant, self._expressed_in).matrix()
         return {
@@ -171,6 +188,8 @@ class WrenchFilter(MovingJointsFilter):
         moment_walk: the same of a torque [Nm], > 0.
         tare_window: end and begin of the window of `Taring`, as times before now [s]; empty: none.
         tare_change: change of a force from the tare value, above which taring pauses [N], > 0.
+        short_lever: lever arm of a force over the joints below which `force_walk` is smaller in its direction, by the
+            cube of the ratio; 0: nowhere [m], >= 0.
         period: tick [s].
         **joint_options: `noise`, `jerk_noise`, `outlier`, `bias`, `bias_walk`, `slow`, `hold` and
             `velocity_bandwidth` of `MovingJoints`.
@@ -199,6 +218,7 @@ class WrenchFilter(MovingJointsFilter):
         moment_walk: float = 0.04,
         tare_window: Sequence[float] = (),
         tare_change: float = 0.5,
+        short_lever: float = 0.0,
         period: float = 0.004,
         **joint_options: float,
     ):
@@ -213,7 +233,9 @@ class WrenchFilter(MovingJointsFilter):
             "elsewhere": np.zeros(k),
         }
         walks, tare = (torques, moment_walk, force_walk), (tare_window, tare_change)
-        super().__init__(model, friction, joints, frame, expressed_in, walks, tare, period, joint_options, further)
+        super().__init__(
+            model, friction, joints, frame, expressed_in, walks, tare, short_lever, period, joint_options, further
+        )
         self._pick = np.eye(k)[:, torques + 3 :]
         self.show("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere")
 

@@ -52,6 +52,7 @@ class PlantModel:
         has_gravity: whether gravity acts on the plant.
         friction: of the joints.
         rotor_inertia: at the joints, shape (n,) [kg m2].
+        joint_stiffness: of elastic joints, shape (n,) [Nm/rad]; empty where joints are rigid or have no motors.
         velocity_bandwidth: bandwidth of the filter of the measured speeds [rad/s].
         obstacles: configurations of the boxes around the robot, by name.
         unseen_travel: how far the command of a joint moves at most while its reading repeats, by friction, dither and
@@ -86,6 +87,7 @@ class PlantModel:
     has_gravity: bool = False
     friction: JointFriction = field(default_factory=lambda: JointFriction(1))
     rotor_inertia: Array = field(default_factory=lambda: np.zeros(0))
+    joint_stiffness: Array = field(default_factory=lambda: np.zeros(0))
     velocity_bandwidth: float = np.inf
     obstacles: Mapping[str, Any] = field(default_factory=dict)
     unseen_travel: Array = field(default_factory=lambda: np.zeros(0))

@@ -70,8 +70,8 @@ SLOTS: dict[str, dict[str, str]] = {
         "VelocityAlongSurface": "forcectl.motion.surface_velocity:SurfaceVelocityConfig",
     },
     "estimator": {
-        "ForceEstimator": "forcectl.estimation.force_estimator:ForceEstimatorConfig",
-        "KalmanForceEstimator": "forcectl.estimation.force_estimator:KalmanForceEstimatorConfig",
+        "ForceEstimator": "forcectl.estimation.force_estimator_config:ForceEstimatorConfig",
+        "KalmanForceEstimator": "forcectl.estimation.force_estimator_config:KalmanForceEstimatorConfig",
     },
     "signal": {
         "Projection": "forcectl.diagrams.signals:ProjectionConfig",

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from forcectl.estimation.force_estimator import ForceEstimatorConfig
+from forcectl.estimation.force_estimator_config import ForceEstimatorConfig
 from forcectl.estimation.momentum_observer import residual_step
 from forcectl.motion.joint_path import DitherConfig, JointExcitationConfig, JointMovesConfig
 from forcectl.motion.loads import LoadConfig

@@ -11,7 +11,7 @@ from forcectl.diagrams.fidelities.light import KinematicFidelity
 from forcectl.diagrams.signals import FromConfig
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.errors import BadInputError
-from forcectl.estimation.force_estimator import ForceEstimatorConfig
+from forcectl.estimation.force_estimator_config import ForceEstimatorConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.sampled_block import SampledBlock
 from forcectl.motion.joint_path import DitherConfig, JointMovesConfig, PostureConfig

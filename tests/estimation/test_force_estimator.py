@@ -8,7 +8,8 @@ from scipy.signal import dlsim
 
 import forcectl as fc
 from forcectl.errors import BadInputError
-from forcectl.estimation.force_estimator import ForceEstimator, ForceEstimatorConfig, KalmanForceEstimatorConfig
+from forcectl.estimation.force_estimator import ForceEstimator
+from forcectl.estimation.force_estimator_config import ForceEstimatorConfig, KalmanForceEstimatorConfig
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.framework.yaml_tree import Tagged

@@ -5,7 +5,7 @@ import pytest
 
 import forcectl as fc
 from forcectl.errors import BadInputError
-from forcectl.estimation.force_estimator import KalmanForceEstimatorConfig
+from forcectl.estimation.force_estimator_config import KalmanForceEstimatorConfig
 from forcectl.estimation.wrench_between_filter import WrenchBetweenFilter
 from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.motion.joint_path import DitherConfig, JointMovesConfig

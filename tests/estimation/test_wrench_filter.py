@@ -227,6 +227,23 @@ def test_a_force_alone_has_no_torque():
     assert (found["wrench"][:, :3] == 0).all()
 
 
+def test_a_direction_with_a_short_lever_is_found_later_and_the_others_as_soon():
+    """Levers of the force over the joints at MIDDLE, from the Jacobian; at half the limit the walk is an eighth."""
+    squares, axes = np.linalg.eigh(jacobian(MIDDLE)[3:] @ jacobian(MIDDLE)[3:].T)
+    levers = np.sqrt(squares)
+    assert levers[0] < 0.6 * levers[1]
+    options = {"speed": 0.3, "noise": 0.0}
+    for axis, changes in ((axes[:, 0], True), (axes[:, 2], False)):
+        wrench, felt = np.concatenate([np.zeros(3), 3.0 * axis]), []
+        for short in (0.0, 0.5 * levers[0], 1.6 * levers[0]):
+            block = WrenchFilter(MODEL, FRICTION, TIP, short_lever=short)
+            times, found = run(block, 0.65, wrench=wrench, **options)
+            felt.append(found["wrench"][np.searchsorted(times, 0.6), 3:] @ axis)
+        none, shorter, longer = felt
+        assert shorter == none, "all levers are longer"
+        assert (longer < 0.6 * none) if changes else (longer > 0.95 * none)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -234,6 +251,7 @@ def test_a_force_alone_has_no_torque():
         ({"slow": -1.0}, "slow = -1.0: must be positive"),
         ({"hold": -1.0}, "hold = -1.0: must be not negative"),
         ({"jerk_noise": -1.0}, "jerk_noise = -1.0: must be not negative"),
+        ({"short_lever": -1.0}, "short_lever = -1.0: must be not negative"),
         ({"frame": chain_plant(7).GetFrameByName("arm_link_7")}, "must be of the plant of the momentum model"),
         ({"friction": JointFriction(6)}, "friction has 6 joints: must have 7, as the model"),
     ],

@@ -10,7 +10,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import build_station
 from forcectl.diagrams.workcell import Workcell
-from forcectl.estimation.force_estimator import READINGS, ForceEstimator, ForceEstimatorConfig
+from forcectl.estimation.force_estimator import READINGS, ForceEstimator
+from forcectl.estimation.force_estimator_config import ForceEstimatorConfig
 from forcectl.motion.joint_dither import JointDither
 from forcectl.motion.joint_path import JointPath, Move, Sines
 from forcectl.motion.loads import LoadConfig, Loads

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from forcectl.diagrams.loop import Loop
-from forcectl.estimation.force_estimator import ForceEstimatorConfig
+from forcectl.estimation.force_estimator_config import ForceEstimatorConfig
 from forcectl.motion.joint_path import JointMovesConfig
 from forcectl.motion.loads import LoadConfig
 from forcectl.robot.model import RobotModel

@@ -11,7 +11,7 @@ from forcectl.diagrams.fidelities.light import KinematicFidelity, LightStation
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.signals import FromConfig
 from forcectl.diagrams.station import StationConfig
-from forcectl.estimation.force_estimator import ForceEstimatorConfig
+from forcectl.estimation.force_estimator_config import ForceEstimatorConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.vrft.experiment import RecursiveVrftConfig
 from forcectl.framework.yaml_tree import dump, parse

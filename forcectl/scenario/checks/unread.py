@@ -27,11 +27,13 @@ _UNREAD = {
     ("has_dynamics", True): ("coulomb_friction", "substeps"),
     ("constant_jacobian", True): ("posture_period",),
 }
-# Keys of the part `model` by the group that `Config.reads_of_model` names; not every scenario reads all groups.
+# Keys of the part `model` by group; not every scenario reads all groups. `Config.reads_of_model` names those of a part;
+# those with the key `elastic_joints` read the stiffness if it is set.
 _OF_MODEL = {
     "compliance": ("robot_compliance", "environment_compliance"),
     "friction": ("friction", "friction_scale"),
     "masses": ("inertia_scale", "payload"),
+    "stiffness": ("joint_stiffness",),
 }
 
 
@@ -92,6 +94,7 @@ def unread(scenario: Scenario, signals: Container[str] = ("desired_force",)) -> 
     readers = [scenario.controller, scenario.estimators, scenario.analyses]
     read = {name for _, part in configs(readers, "") for name in part.reads_of_model}
     read |= {"compliance"} if "desired_force" in signals else set()
+    read |= {"stiffness" for _, part in configs(readers, "") if getattr(part, "elastic_joints", False)}
     for name, keys in _OF_MODEL.items() if _known(readers) else ():
         if name not in read:
             lines += _unused(scenario.model, "model", keys, f"no part of the scenario reads the {name} of the model")
