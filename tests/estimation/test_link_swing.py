@@ -29,7 +29,7 @@ def swung(speed_of_motors, duration, tick):
 
 
 def test_links_follow_motors_that_accelerate_steadily():
-    """With small steps they lag by B a / K, and their speed is that of the motors, once the swing has faded."""
+    """They lag by B a / K, and their speed is that of the motors, once the swing has faded."""
     rate = np.array([3.0, -2.0])
     deflection, speed = swung(lambda t: rate * t, 4.0, TICK)
     np.testing.assert_allclose(deflection, MASS @ rate / STIFFNESS, rtol=1e-6)
